@@ -17,7 +17,7 @@ from experiments.rivals.motor import EncoderHistory, Motor, driven_by
 from experiments.rivals.rival import Detection, HeadCamera, Rival, View
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.neck.poses import seen_from_head
+from gazempc.neck.kinematics import seen_from_head
 from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import Log, RunInfo

@@ -42,7 +42,7 @@ class _PlannedJoint:
         """Angles of the joint; a held one stays where it is.
 
         Args:
-            situation: What is known.
+            situation: State of joints and commands.
             planned_rad: Commands at the knots, shape (K,), radians; the last one is held.
             ahead_s: Times from the plan's start, ascending, shape (H,), seconds; few different ones over a run.
 
@@ -147,7 +147,7 @@ class EyeAim:
         """Commands of the eyes at the knots.
 
         Args:
-            situation: What is known.
+            situation: State of joints and commands.
             means_base_m: The forecast for `forecast_times_s`, shape (H, 3), metres.
             planned_rad: Commands of the other joints at the knots, in their order, shape (K, N - 2), radians.
 
@@ -240,7 +240,7 @@ class Chain:
         of the angle to the person. If the eyes cannot move, the head also takes their part.
 
         Args:
-            situation: What is known.
+            situation: State of joints and commands.
             means_base_m: Where the person is, shape (H, 3), metres.
 
         Returns:
@@ -269,7 +269,7 @@ class Chain:
         """Commands of all joints at the knots.
 
         Args:
-            situation: What is known.
+            situation: State of joints and commands.
             means_base_m: The forecast for `eye_times_s`, shape (H, 3), metres.
             head_rad: Commands of pan and tilt, shape (K, 2), radians.
             body_rad: Commands of the body, shape (K,), radians; None without one.
@@ -289,8 +289,8 @@ def head_time_s(neck: NeckSpec, given_s: float | None, usual_s: float) -> float:
 
     Args:
         neck: The neck.
-        given_s: What the user wants, seconds; None for what fits the neck.
-        usual_s: What fits a head that ends facing the person, seconds.
+        given_s: Choice of the user, seconds; None for the default of the neck.
+        usual_s: Default for a head that ends facing the person, seconds.
 
     Returns:
         Seconds.

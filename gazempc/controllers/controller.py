@@ -31,7 +31,7 @@ class ControllerError(RuntimeError):
 
 
 class SolverFailed(ControllerError):  # noqa: N818  (named as its event)
-    """The problem has no solution, as a number in it is not finite, say."""
+    """The problem has no solution, for example because a number in it is not finite."""
 
     event = "solver_failed"
 
@@ -70,7 +70,7 @@ class Situation:
         joint_offset_rad: How far from a command that stands still the joints settle, shape (N,), radians.
         sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, N), radians.
         committed_rad: Commands that will be sent from now until the plan starts, shape (n, N), radians.
-        held: Joints that stand still whatever they are sent, by their place in `NeckSpec.joint_names`. Their angle now
+        held: Joints that do not follow their commands, by their place in `NeckSpec.joint_names`. Their angle now
             is what was measured. Only necks with more than two joints name any.
     """
 
@@ -87,7 +87,7 @@ class Situation:
 
     @cached_property
     def _settled(self) -> FloatArray:
-        # Without its offset, a joint follows its command by the model.
+        # The model has no offset.
         known = self.joint_position_rad - self.joint_offset_rad, self.joint_velocity_rad_s
         return self.settled(*known, self.sent_rad, self.committed_rad)
 
@@ -125,8 +125,8 @@ class Plan:
         position_rad: Commanded angles at the knots, shape (K, N), radians.
         velocity_rad_s: Shape (K, N), rad/s.
         acceleration_rad_s2: Shape (K, N), rad/s^2.
-        events: What was out of the ordinary when it was made, for the log.
-        faults: The same with a text for the log, which the event alone does not tell.
+        events: Unusual events of its making, for the log.
+        faults: The same, with a text for the log that is more than the event's meaning.
 
     Raises:
         ValueError: If shapes or times are not as stated here.
@@ -221,14 +221,14 @@ def _moved_on(tau: float, p: float, v: float, a: float, jerk: float) -> AxisMoti
 
 
 class Controller(Protocol):
-    """Plans commands. Holds no more than what it needs from one plan to the next."""
+    """Plans commands. Its state is what one plan hands to the next."""
 
     def reset(self) -> None:
         """Forget all earlier plans."""
         ...
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
-        """Times for which the controller needs to know where the head is.
+        """Times for which the controller needs the forecast.
 
         Args:
             start_s: Time at which the first command of the plan will be sent, seconds.
@@ -243,7 +243,7 @@ class Controller(Protocol):
         """Plan the commands from now on.
 
         Args:
-            situation: What is known; its forecast is for `forecast_times_s`.
+            situation: Joints, commands, and the forecast for `forecast_times_s`.
 
         Returns:
             The plan.

@@ -28,7 +28,7 @@ class LookAhead:
     """Commands the low-passed look-at angles of the forecast for the time at which the command will show.
 
     The low-pass makes up for its own delay: the forecast is asked for as much later. A person who turns the gaze
-    steadily is followed without lag, whatever the time constant. An axis whose command is far behind the demanded
+    steadily is followed without lag, at any time constant. An axis whose command is far behind the demanded
     angle goes there without the low-pass, which would make a limited command overshoot. Once it is near, the low-pass
     starts again from the present command.
 
@@ -36,7 +36,7 @@ class LookAhead:
     sent what the head will leave over (`gazempc.controllers.chain`).
 
     Args:
-        neck: The neck; its dead time, servo lag (2 zeta / wn) and servo period say how far to look ahead on each axis.
+        neck: The neck; its dead time, servo lag (2 zeta / wn) and servo period are the preview on each axis.
         smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and slower to
             follow what was not forecast. 0 for none.
         head_smoothing_time_s: The same for the head of a neck with eyes. None: 0.6, or 0.1 for a head that leaves a

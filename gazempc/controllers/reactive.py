@@ -31,7 +31,7 @@ class Reactive:
         self._chain = Chain(neck, np.zeros(1))
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """See `gazempc.controllers.controller.Controller.reset`; the law has no state."""
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
         """See `gazempc.controllers.controller.Controller.forecast_times_s`."""

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
-from gazempc.neck.poses import eye_in_base, head_in_base
+from gazempc.neck.kinematics import eye_in_base, head_in_base
 from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.types import FloatArray
 from predictors import HeadObservation

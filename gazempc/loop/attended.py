@@ -81,7 +81,7 @@ class AttendedPeople:
         """Take in the observations that have arrived, and choose the person to look at.
 
         Args:
-            sightings: Observations of anybody, in the base frame.
+            sightings: Observations of all people, in the base frame.
             time_s: The time, seconds.
             recorder: Records people who enter, changes of attention, and observations of the attended person.
         """

@@ -1,4 +1,4 @@
-"""The boundary of the loop to a part: whatever a part raises or returns becomes one error that names its class."""
+"""The boundary of the loop to a part: every fault of a part, raised or returned, becomes one error with its class."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gazempc.parts import said
 from gazempc.types import FloatArray
 from predictors import Forecast
 
-# No joint of a neck turns twice round: larger angles are of another unit or a fault. Speeds likewise.
+# Two turns, more than any joint of a neck makes: larger angles are of another unit or a fault. Speeds likewise.
 _ANY_ANGLE_RAD, _ANY_SPEED_RAD_S = 4.0 * np.pi, 1e3
 # Recordings of people farther away are refused, too.
 _ANY_DISTANCE_M = 1000.0
@@ -30,7 +30,7 @@ class PartError(Exception):
     """A part raised an exception, or returned what cannot be used; its text names the class and the method.
 
     Attributes:
-        error: What the part raised, or what is wrong with what it returned.
+        error: The exception of the part, or of the check of its answer.
     """
 
     def __init__(self, call: str, error: BaseException) -> None:
@@ -120,7 +120,7 @@ def numbers(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
     """Check an array of real numbers.
 
     Args:
-        name: What it is, for the message.
+        name: Name of the array, for the message.
         value: The array.
         shape: The shape that it must have.
 
@@ -140,7 +140,7 @@ def checked_times(wanted_s: object, start_s: float) -> FloatArray:
     """Check the times for which a controller needs a forecast.
 
     Args:
-        wanted_s: What it returned.
+        wanted_s: Answer of the controller.
         start_s: Start of its plan, seconds.
 
     Returns:
@@ -162,7 +162,7 @@ def checked_forecast(forecast: object, times: int) -> Forecast:
     """Check a forecast.
 
     Args:
-        forecast: What a predictor returned.
+        forecast: Answer of the predictor.
         times: How many times were asked for.
 
     Returns:
@@ -190,7 +190,7 @@ def checked_plan(plan: object, joints: int) -> Plan:
     """Check a plan.
 
     Args:
-        plan: What a controller returned.
+        plan: Answer of the controller.
         joints: Number of the neck's joints.
 
     Returns:

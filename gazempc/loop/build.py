@@ -35,7 +35,7 @@ _MOST_MODEL_BYTES = 50 * MEGABYTE
 
 @dataclass(frozen=True)
 class Person:
-    """What may be known of the person when a predictor is made.
+    """Data of the person that a predictor may be made with.
 
     Attributes:
         name: Their name; with `walker.fitted` a folder, the model is one that has not seen them.
@@ -106,7 +106,7 @@ def make_controller(
         The controller.
 
     Raises:
-        SettingsError: If it cannot be made, does not do what a controller must, or was made for another neck.
+        SettingsError: If it cannot be made, violates the interface of a controller, or was made for another neck.
     """
     if not isinstance(choice, str):
         check_same_neck(choice, neck)

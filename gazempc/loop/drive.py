@@ -1,4 +1,4 @@
-"""What a neck is sent for a motion of the command: angles, or speeds where an axis takes these."""
+"""Output to the robot for a motion of the command: angles, or speeds where an axis takes these."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _CORRECTION_SHARE = 0.1
 def speed_loop_gain(axis: Axis, period_s: float) -> float:
     """Gain of the position loop of a joint that takes speeds, 1/s.
 
-    The observer learns the offset no faster than the joint answers; neither should the loop use it faster.
+    Its time constant is the response time of the joint: the observer estimates the offset no faster.
 
     Args:
         axis: The joint.
@@ -70,11 +70,11 @@ class Drive:
         self._takes_angle = np.array([axis is None for axis in self._axes])
 
     def outgoing(self, motions: tuple[AxisMotion, ...], offset_rad: FloatArray) -> FloatArray:
-        """What to send.
+        """The output.
 
         Args:
             motions: The command's motions, one a joint.
-            offset_rad: How far the joints are from what was sent, see `JointEstimate`, shape (N,), radians.
+            offset_rad: Offsets of the joints from their commands, see `JointEstimate`, shape (N,), radians.
 
         Returns:
             Angles or speeds, shape (N,), radians or rad/s.
@@ -87,7 +87,7 @@ class Drive:
 
         Args:
             command: As the robot accepted it, shape (N,), radians or rad/s.
-            got_through: False where it is what was sent before, as this period's command was lost.
+            got_through: False where the command of this period was lost and the one before acts on.
 
         Returns:
             The angles that it leads to, without the offset, shape (N,), radians: the command of a joint that takes
@@ -99,12 +99,12 @@ class Drive:
         return np.array([value if axis is None else axis.sent(value, got_through) for axis, value in pairs])
 
     def seen_by_controllers(self, sent_rad: FloatArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Commands sent and offsets as a controller must know them.
+        """Commands sent and offsets in the coordinates of the controllers.
 
         The offset of a joint that takes speeds is made up for here already; its commands count from where it is.
 
         Args:
-            sent_rad: What was sent, as `sent` gives it, shape (M, N), radians.
+            sent_rad: Commands sent, as `sent` returns them, shape (M, N), radians.
             offset_rad: As in `outgoing`.
 
         Returns:

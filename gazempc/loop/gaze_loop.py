@@ -69,7 +69,7 @@ class GazeLoop:
         self._last_index: int | None = None
         self._stopping = False
         self._began_s = self._near_until_s = -math.inf
-        self._rest_plan = Plan(0.0, np.inf, neck.rest_rad[None], np.zeros((1, neck.joints)), np.zeros((1, neck.joints)))
+        self._rest_plan = _standing(neck.rest_rad)
 
     @property
     def joints(self) -> JointEstimate | None:
@@ -199,8 +199,7 @@ class GazeLoop:
         rest_speed_rad_s = min(self._settings.rest_speed_rad_s, speed_limit_rad_s)
         if self._sender.silent:
             # Return to the last acknowledged angles at rest speed: no step of the command when the robot answers again.
-            back = Plan(0.0, np.inf, self._sender.acknowledged_rad[None], *np.zeros((2, 1, self._neck.joints)))
-            return self._smoother.step(due_s, back, rest_speed_rad_s)
+            return self._smoother.step(due_s, _standing(self._sender.acknowledged_rad), rest_speed_rad_s)
         newest_s = self._target.newest_capture_s
         unseen_s = 0.0 if newest_s is None else time_s - newest_s
         if unseen_s > self._settings.rest_after_s:
@@ -214,3 +213,7 @@ class GazeLoop:
         if self._smoother.intervention and self.plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
         return wanted_rad
+
+
+def _standing(position_rad: FloatArray) -> Plan:
+    return Plan(0.0, np.inf, position_rad[None], *np.zeros((2, 1, position_rad.size)))

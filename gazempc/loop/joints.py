@@ -22,9 +22,9 @@ _WINDOW_S = 0.6
 _EXPECTED_RAD = math.radians(2.0)
 # A joint that follows shows more than this share of the expected motion.
 _SHARE = 0.2
-# Without readings for this share of the window, the motion measured is that of another time.
+# With readings missing for a larger share of the window, measured and expected motion are of different times.
 _UNREAD_SHARE = 0.2
-# No log holds a later time.
+# Upper bound of the times in a log.
 _ANY_TIME_S = 1e10
 
 
@@ -87,7 +87,7 @@ class FollowingWatch:
         self.held: tuple[int, ...] = ()
 
     def sent(self, command_rad: FloatArray) -> None:
-        """Take note of what was sent in this servo period, shape (N,), radians."""
+        """Take in the command of this servo period, shape (N,), radians."""
         sent = command_rad.tolist()
         self._sent.append(sent)
         if not self._states:
@@ -100,14 +100,14 @@ class FollowingWatch:
         self._expected.append([angle for angle, _ in self._states])
 
     def measured(self, state: JointState | None) -> None:
-        """Take note of what was measured in this servo period; None if nothing was."""
+        """Take in the reading of this servo period; None without one."""
         self._unread_ticks += 1
         if state is not None and np.isfinite(state.position_rad).all():
             self._measured.append(state.position_rad)
             self._unread_ticks = 0
 
     def judge(self) -> None:
-        """Judge anew which joints do not follow, as soon as a whole window is known; not while readings are missing."""
+        """Decide which joints do not follow, once the window is full; kept while readings are missing."""
         if (
             self._unread_ticks > _UNREAD_SHARE * self._ticks
             or len(self._expected) < self._ticks

@@ -22,7 +22,7 @@ class LookingAway(AroundTarget):
     Args:
         target: The target at all other times.
         look_aways: When to look away.
-        cues: What a program tells; None for nothing.
+        cues: Cues of a program; None without one.
     """
 
     def __init__(self, target: Target, look_aways: LookAways, cues: Cues | None = None) -> None:
@@ -35,7 +35,7 @@ class LookingAway(AroundTarget):
 
     @property
     def several(self) -> AttendedPeople | None:
-        """Everybody, where there are several people."""
+        """The target of several people; None for a target of one person."""
         return self._target if isinstance(self._target, AttendedPeople) else None
 
     def state(self, time_s: float) -> AttentionState:

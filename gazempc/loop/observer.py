@@ -17,7 +17,7 @@ from gazempc.types import FloatArray, JointState
 # An error of the model's joint is corrected with this time constant; noise of encoders is averaged over it.
 _STATE_TIME_S = 0.05
 # Noise that lets the offset change, in response times (dead time and lag). As the servo pulls the joint back to the
-# command meanwhile, a load is learned in about three response times (1.6 s for the neck `reference`). A faster
+# command meanwhile, a load is estimated in about three response times (1.6 s for the neck `reference`). A faster
 # estimate attributes an error of the dead time to the load, and may oscillate with it.
 _LOAD_RESPONSES = 0.7
 # A measurement older than this is not used.
@@ -60,7 +60,7 @@ class JointObserver:
     Borrelli & Morari (2009), Linear offset-free model predictive control.
 
     Args:
-        neck: The neck as it is known.
+        neck: The neck as modelled.
         command_rad: Where the command stands, the joints at rest there, shape (N,), radians.
         time_s: Present time, seconds.
     """
@@ -82,7 +82,7 @@ class JointObserver:
 
     @property
     def refused(self) -> bool:
-        """True if the last update was given a measurement that could not be believed: NaN, too old, fast or far off."""
+        """Whether the last update refused its measurement: NaN, too old, too fast, or outside the gate."""
         return self._refused
 
     @property
@@ -99,7 +99,7 @@ class JointObserver:
         return JointEstimate(*np.array(self._estimate))
 
     def sent(self, command: FloatArray) -> None:
-        """Take note of what was sent at the time of the last update: angles or speeds, shape (N,), rad or rad/s."""
+        """Take in the command sent at the time of the last update: angles or speeds, shape (N,), rad or rad/s."""
         for servo, to in zip(self._servos, command.tolist(), strict=True):
             servo.send(to)
 
@@ -109,8 +109,8 @@ class JointObserver:
         Args:
             time_s: Present time, seconds; one before that of the last update is taken for that.
             measured: Newest measured state, perhaps of a moment ago; None if there is none. One that was taken in
-                before is not used; one that cannot be believed is `refused`.
-            held: Joints that stand still whatever they are sent: they are where they are measured.
+                before is not used; an implausible one is `refused`.
+            held: Joints that do not follow their commands: the measurement is taken as it is.
         """
         past = self._past
         if past and past[-1][0] > time_s:

@@ -10,14 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import AroundTarget, Target
+from gazempc.people.aversion import PEAK_VELOCITY, minimum_jerk
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast
 
-# Peak of the speed of a minimum-jerk motion, as a multiple of its mean (Flash & Hogan 1985).
-_PEAK_OF_MEAN = 1.875
 # Commands follow the path with a little overshoot.
 _SPEED_SHARE = 0.85
-# A place is known; a forecast needs a covariance that can be inverted.
+# A place is exact; a forecast needs an invertible covariance.
 _VARIANCE_M2 = 1e-6
 
 
@@ -61,15 +60,14 @@ class Place:
         """
         to = target_base_m - eye_base_m
         angle_rad = np.arctan2(np.linalg.norm(np.cross(from_direction, to)), from_direction @ to)
-        by_speed_s = _PEAK_OF_MEAN * float(angle_rad) / (_SPEED_SHARE * max_velocity_rad_s)
+        by_speed_s = PEAK_VELOCITY * float(angle_rad) / (_SPEED_SHARE * max_velocity_rad_s)
         return cls(target_base_m, eye_base_m, from_direction, start_s, max(min_duration_s, by_speed_s))
 
     def at(self, times_s: FloatArray) -> FloatArray:
         """Where to look, shape (H, 3), metres, at times of shape (H,), seconds."""
         if self.lasts_s <= 0.0:
             return np.tile(self.target_base_m, (times_s.size, 1))
-        x = np.clip((times_s - self.start_s) / self.lasts_s, 0.0, 1.0)
-        share = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        share = minimum_jerk(np.clip((times_s - self.start_s) / self.lasts_s, 0.0, 1.0))
         to = self.target_base_m - self.eye_base_m
         axis = np.cross(self.from_direction, to)
         if not axis.any():

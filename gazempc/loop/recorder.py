@@ -25,7 +25,7 @@ from predictors import Forecast, HeadObservation
 _LOGGER = logging.getLogger("gazempc.loop")
 _Tick = tuple[float, JointState | None, FloatArray, tuple[AxisMotion, ...]]
 _Seen = tuple[float, HeadObservation, FloatArray, FloatArray, float]
-# No log holds a larger number; a variance may be infinite.
+# Upper bound of the numbers in a log; a variance may be infinite.
 _MOST_M2 = 1e12
 _HORIZONS = len(FORECAST_HORIZONS_S)
 _NO_FORECAST = (np.full((_HORIZONS, 3), np.nan), np.full((_HORIZONS, 3, 3), np.nan), np.nan)
@@ -186,7 +186,7 @@ class LoopRecorder:
         self._away.append((start_s, end_s, why))
 
     def event(self, time_s: float, name: str, error: BaseException | None = None) -> None:
-        """Record something out of the ordinary.
+        """Record an event.
 
         Args:
             time_s: Time, seconds.
@@ -225,9 +225,9 @@ class LoopRecorder:
         """Make the log.
 
         Args:
-            run: What the run was.
-            true_head_base_m: True head positions, shape (H, 3), at times, shape (H,); NaN where they are not known.
-            true_joints: Where the joints really were at each tick, if that is known; else what was measured counts.
+            run: Description of the run.
+            true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN if unknown.
+            true_joints: True joint states at each tick; None for the measured ones.
 
         Returns:
             The log, and the compute times.

@@ -12,7 +12,7 @@ from gazempc.controllers.controller import AxisMotion, CommandState, Plan
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# What the smoother did at a tick besides following the plan.
+# Interventions of the smoother at a tick; empty while the plan is followed.
 Intervention = Literal["", "stale_plan", "limit_guard"]
 
 # Ruckig refuses a target that touches its limits by rounding.
@@ -184,7 +184,7 @@ class _AxisSmoother:
     def _calculate(self, request: ruckig.InputParameter) -> bool:
         try:
             result = self._generator.calculate(request, self._trajectory)
-        except (ruckig.RuckigError, ValueError):  # ValueError: a result code its binding does not know
+        except (ruckig.RuckigError, ValueError):  # ValueError: a result code that its binding lacks
             return False
         return result in (ruckig.Result.Working, ruckig.Result.Finished)
 
@@ -204,7 +204,6 @@ class Smoother:
     """
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
-        self._neck = neck
         limits = neck.command_limits
         self._axes = [
             _AxisSmoother(
@@ -219,15 +218,7 @@ class Smoother:
             )
             for i in range(neck.joints)
         ]
-        self.reset(position_rad)
-
-    def reset(self, position_rad: FloatArray) -> None:
-        """Put the command somewhere, at rest.
-
-        Args:
-            position_rad: Shape (N,), radians; clipped to the limits.
-        """
-        start = self._neck.command_limits.clip_position(np.asarray(position_rad, dtype=np.float64))
+        start = limits.clip_position(np.asarray(position_rad, dtype=np.float64))
         self._now: tuple[AxisMotion, ...] = tuple([(each_rad, 0.0, 0.0) for each_rad in start.tolist()])
         self._intervention: Intervention = ""
 
@@ -243,7 +234,7 @@ class Smoother:
 
     @property
     def intervention(self) -> Intervention:
-        """What the last step did besides following the plan; empty if nothing."""
+        """Intervention of the last step; empty if the plan was followed."""
         return self._intervention
 
     def step(self, time_s: float, plan: Plan | None, speed_limit_rad_s: float | None = None) -> FloatArray:

@@ -196,7 +196,7 @@ def forecast_of(
     time_s: float,
     recorder: LoopRecorder,
 ) -> Forecast | None:
-    """Ask a predictor for a forecast, whatever it does.
+    """Ask a predictor for a forecast; a fault of it becomes an event.
 
     Args:
         predictor: The predictor.

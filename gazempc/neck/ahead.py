@@ -85,7 +85,7 @@ class JointAhead:
 class SettledJoints:
     """State of all joints one dead time after the last command that is settled: where a plan begins to show.
 
-    Until then the motion is determined by commands that are sent or committed, whatever is planned.
+    Until then the motion is determined by commands that are sent or committed, independent of the plan.
 
     Args:
         neck: The neck.

@@ -112,7 +112,7 @@ def _by_law(axis: Axis, velocity_rad_s: Callable[[float], float], between_rad: t
     for amplitude_rad in between_rad:
         peak_rad_s = velocity_rad_s(amplitude_rad)
         ramps_s = amplitude_rad / peak_rad_s - axis.servo_lag_s
-        # No acceleration makes up for a servo that is slower than the law.
+        # A servo that is slower than the law cannot be compensated by acceleration.
         needed.append(peak_rad_s / ramps_s if ramps_s > 0.0 else math.inf)
     limits = {
         "full_speed_rad_s": axis.full_rad_s,

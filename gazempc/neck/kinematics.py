@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from gazempc.neck.spec import Geometry
 from gazempc.types import BoolArray, FloatArray
@@ -15,7 +16,7 @@ from gazempc.types import BoolArray, FloatArray
 _CLEARLY_BETTER_RAD = 0.2
 # Numbers of joints of a neck with eyes (from here on), and of one with a body.
 _WITH_EYES, _WITH_BODY = 4, (3, 5)
-# Nearer than this to the axis, a target's direction means nothing.
+# Nearer than this to the axis, a target's direction is undefined.
 _NEAREST_M = 0.1
 
 
@@ -74,15 +75,26 @@ def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, Flo
     eye = np.stack([cp * x - sp * y, sp * x + cp * y, z], axis=-1)
     if joints.shape[-1] < _WITH_EYES:
         return eye, np.stack([cp * ct, sp * ct, st], axis=-1)
-    forward, left, up = _direction(joints[..., 2], joints[..., 3])
+    forward, left, up = unit_vector(joints[..., 2], joints[..., 3])
     ahead = ct * forward - st * up
-    direction = np.stack([cp * ahead - sp * left, sp * ahead + cp * left, st * forward + ct * up], axis=-1)
-    return eye, direction
+    return eye, np.stack([cp * ahead - sp * left, sp * ahead + cp * left, st * forward + ct * up], axis=-1)
 
 
-def _direction(pan_rad: FloatArray, tilt_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def unit_vector(pan_rad: FloatArray, tilt_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Unit vector at a pan and a tilt: forward, left and up, each of their shape."""
     level = np.cos(tilt_rad)
     return np.cos(pan_rad) * level, np.sin(pan_rad) * level, np.sin(tilt_rad)
+
+
+def pan_tilt_rad(direction: FloatArray) -> FloatArray:
+    """Pan and tilt of directions of any length, shape (..., 3), in (-pi, pi]; shape (..., 2), radians."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
+
+
+def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
+    """Angles in [-pi, pi), radians, of the same shape."""
+    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
@@ -104,6 +116,55 @@ def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: Array
     ahead, left = cp * x + sp * y, cp * y - sp * x
     forward, up = ct * ahead + st * z, ct * z - st * ahead
     return np.stack([np.arctan2(left, forward), np.arctan2(up, np.hypot(forward, left))], axis=-1)
+
+
+def head_in_base(geometry: Geometry, joints_rad: FloatArray) -> tuple[Rotation, FloatArray]:
+    """Pose of the robot's head, whose origin is on the tilt axis.
+
+    Args:
+        geometry: The neck's geometry.
+        joints_rad: Angles of all joints in the order of `NeckSpec.joint_names`, shape (N,), radians.
+
+    Returns:
+        Rotation from the head's frame to the base frame, and the origin in the base frame, shape (3,), metres.
+    """
+    pan_rad, tilt_rad = head_angles_rad(joints_rad)
+    turn = Rotation.from_euler("z", pan_rad)
+    return turn * _looking(0.0, tilt_rad), turn.apply(geometry.tilt_axis_in_pan_m)
+
+
+def eye_in_base(geometry: Geometry, joints_rad: FloatArray) -> tuple[Rotation, FloatArray]:
+    """Pose of the robot's eyes, which are one and turn about `Geometry.eye_in_tilt_m`.
+
+    Args:
+        geometry: The neck's geometry.
+        joints_rad: As of `head_in_base`, of a neck with eyes.
+
+    Returns:
+        Rotation from the eye's frame (x along the gaze) to the base frame, and the origin, shape (3,), metres.
+    """
+    head, axis_m = head_in_base(geometry, joints_rad)
+    return head * _looking(joints_rad[2], joints_rad[3]), axis_m + head.apply(geometry.eye_in_tilt_m)
+
+
+def seen_from_head(geometry: Geometry, angles_rad: FloatArray, position_m: FloatArray) -> FloatArray:
+    """A position as a sensor on the head, beside the eye, sees it.
+
+    Args:
+        geometry: The neck's geometry.
+        angles_rad: Angles of all joints, shape (N,), radians.
+        position_m: In the base frame, shape (3,), metres.
+
+    Returns:
+        In the head's frame: x forward, y left, z up; shape (3,), metres.
+    """
+    head, axis_m = head_in_base(geometry, angles_rad)
+    return np.asarray(head.inv().apply(position_m - axis_m) - geometry.eye_in_tilt_m)
+
+
+def _looking(pan_rad: float, tilt_rad: float) -> Rotation:
+    # Tilting up turns +x towards +z, which is a negative turn about y.
+    return Rotation.from_euler("z", pan_rad) * Rotation.from_euler("y", -tilt_rad)
 
 
 def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
@@ -198,7 +259,7 @@ def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -
 def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad: float) -> FloatArray:
     """Make a sequence of pan angles continuous, on the turn of the circle that the neck can best reach.
 
-    Without this, a person who walks round behind the robot would make the pan angle jump from +180 to -180 deg. A neck
+    The pan angle of a person who walks round behind the robot jumps from +180 to -180 deg. A neck
     that followed them past its limit would stay there until they came back the same way.
 
     Args:

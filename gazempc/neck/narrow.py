@@ -17,8 +17,8 @@ def narrowed(
 ) -> NeckSpec:
     """Narrow a neck's limits, which controllers, smoother and robot then all keep.
 
-    Where several joints share the gaze, each gets the part of the region that it has of their common range. So the sum
-    stays in the region whatever each of them does.
+    Where several joints share the gaze, each gets the part of the region that it has of their common range. So their
+    sum is in the region for all their angles.
 
     Args:
         neck: The neck.

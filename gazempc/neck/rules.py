@@ -1,4 +1,4 @@
-"""Rules of thumb for what the data sheet of a neck does not say."""
+"""Rules of thumb for figures that the data sheet of a neck lacks."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Several people: a track each, whom to look at, when to look away. May import gazempc.neck and predictors."""
+"""Several people: tracks, attention, looks away. May import gazempc.neck and predictors."""

@@ -143,16 +143,14 @@ def assign(
     Args:
         expected: The people's motion at this instant.
         unseen_s: Time since each of them was seen, shape (N,), seconds.
-        track_names: What the tracker called each of them last.
+        track_names: Last name that the tracker gave each of them; None without one.
         measured_m: Detections, shape (D, 3), metres.
         noise_m2: Covariances of their errors, shape (D, 3, 3).
-        names: What the tracker calls them now.
+        names: Names of the detections; None without one.
 
     Returns:
         Pairs of person and detection; each is in one pair at most.
     """
-    if not len(track_names) or not len(names):
-        return []
     spread = expected.pp_m2[:, None] + noise_m2
     spread = spread + (allowance_m(unseen_s) ** 2)[:, None, None, None] * np.eye(3)
     apart = measured_m - expected.position_m[:, None]

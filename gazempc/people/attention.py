@@ -78,10 +78,6 @@ class Attention:
     def __init__(self, policy: AttentionPolicy, settings: AttentionSettings) -> None:
         self.policy = policy
         self._settings = settings
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all people."""
         self.policy.reset()
         self.attended = Attended()
         self.candidate: int | None = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from gazempc.neck.kinematics import wrapped_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 from predictors import Forecast
@@ -17,10 +18,10 @@ from predictors import Forecast
 _HEAD_CONTACT_RAD, _EYE_CONTACT_RAD = math.radians(0.6), math.radians(2.4)
 # A shift uses this share of the limits: the person walks meanwhile, and forecasts change.
 _LIMITS_SHARE = 0.8
-# No shift is quicker: a neck that could do more would startle.
+# Shortest duration of a shift: a quicker one startles.
 _QUICKEST_S = 0.25
-# Peaks of a minimum-jerk motion of 1 rad in 1 s: velocity, acceleration, jerk.
-_PEAK_VELOCITY, _PEAK_ACCELERATION, _PEAK_JERK = 1.875, 5.774, 60.0
+# Peaks of a minimum-jerk motion of 1 rad in 1 s (Flash & Hogan 1985): velocity, acceleration, jerk.
+PEAK_VELOCITY, _PEAK_ACCELERATION, _PEAK_JERK = 1.875, 5.774, 60.0
 # A look away that is shortened to less is none.
 _SMALLEST_RAD = math.radians(6.0)
 
@@ -84,7 +85,7 @@ def shift_of(neck: NeckSpec, aside_rad: float, up_rad: float) -> GazeShift:
     limits = neck.command_limits
     lasts_s = np.max(
         [
-            _PEAK_VELOCITY * angles / (_LIMITS_SHARE * limits.velocity_max_rad_s[:2]),
+            PEAK_VELOCITY * angles / (_LIMITS_SHARE * limits.velocity_max_rad_s[:2]),
             np.sqrt(_PEAK_ACCELERATION * angles / (_LIMITS_SHARE * limits.acceleration_max_rad_s2[:2])),
             np.cbrt(_PEAK_JERK * angles / (_LIMITS_SHARE * limits.jerk_max_rad_s3[:2])),
         ]
@@ -92,7 +93,7 @@ def shift_of(neck: NeckSpec, aside_rad: float, up_rad: float) -> GazeShift:
     lasts_s = max(float(lasts_s), _QUICKEST_S)
     contact_rad = _HEAD_CONTACT_RAD if neck.eyes is None else _EYE_CONTACT_RAD
     share = contact_rad / max(math.hypot(aside_rad, up_rad), contact_rad)
-    leaves_after: float = brentq(lambda x: float(_minimum_jerk(np.float64(x))) - share, 0.0, 1.0)
+    leaves_after: float = brentq(lambda x: float(minimum_jerk(np.float64(x))) - share, 0.0, 1.0)
     return GazeShift(lasts_s, leaves_after * lasts_s)
 
 
@@ -134,14 +135,14 @@ def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> F
     """
     since_s = (forecast.times_s - aversion.start_s + shift.leaves_after_s) / shift.lasts_s
     until_s = (aversion.end_s + shift.leaves_after_s - forecast.times_s) / shift.lasts_s
-    weight = _minimum_jerk(np.clip(np.minimum(since_s, until_s), 0.0, 1.0))
+    weight = minimum_jerk(np.clip(np.minimum(since_s, until_s), 0.0, 1.0))
     if not weight.any():
         return forecast
     azimuth, elevation, range_m = _spherical(forecast.means_base_m)
     away = np.array([[aversion.aside_rad], [aversion.up_rad], [0.0]])
     if aversion.target_base_m is not None:
         away = np.array(_spherical(aversion.target_base_m[None])) - np.array([azimuth, elevation, range_m])
-        away[0] = (away[0] + np.pi) % (2.0 * np.pi) - np.pi
+        away[0] = wrapped_rad(away[0])
     azimuth, elevation, range_m = np.array([azimuth, elevation, range_m]) + weight * away
     elevation = np.clip(elevation, -1.5, 1.5)
     flat_m = range_m * np.cos(elevation)
@@ -161,7 +162,7 @@ def angles_to(target_base_m: FloatArray, person_base_m: FloatArray) -> tuple[flo
         Angles to the left and up, radians.
     """
     azimuth, elevation, _ = _spherical(np.stack([target_base_m, person_base_m]))
-    return float((azimuth[0] - azimuth[1] + np.pi) % (2.0 * np.pi) - np.pi), float(elevation[0] - elevation[1])
+    return float(wrapped_rad(azimuth[0] - azimuth[1])), float(elevation[0] - elevation[1])
 
 
 def _spherical(positions_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -170,5 +171,6 @@ def _spherical(positions_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
     return np.arctan2(y, x), np.arctan2(z, flat_m), np.hypot(flat_m, z)
 
 
-def _minimum_jerk(share: FloatArray | np.float64) -> FloatArray:
+def minimum_jerk(share: FloatArray | np.float64) -> FloatArray:
+    """Share of the way that a minimum-jerk motion has made by a share of its time, 0 to 1, of the same shape."""
     return np.asarray(share**3 * (10.0 - 15.0 * share + 6.0 * share**2))

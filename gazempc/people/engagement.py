@@ -24,7 +24,7 @@ WINDOW_S = 5.0
 # Means over the window above and below which a person is engaged and is not. On hri_engagement's recordings people who
 # look at the robot have 0.61 to 0.84, the others 0.10 to 0.58. Its own threshold, 0.5, has the third factor in it.
 _ENGAGED_ABOVE, _DISENGAGED_BELOW = 0.60, 0.58
-# Without a face for longer than this, what they do is not known, and a window is not full.
+# A longer gap without a face empties the window.
 _GAP_S = 1.0
 _FORWARD = np.array([1.0, 0.0, 0.0])
 

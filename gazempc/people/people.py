@@ -9,6 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from gazempc.neck.kinematics import pan_tilt_rad, unit_vector, wrapped_rad
 from gazempc.people.association import Motion, assign
 from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
 from gazempc.types import FloatArray, Sighting
@@ -22,14 +23,14 @@ _TENTATIVE_S = 0.3
 _ONE_PERSON_M = 0.25
 # A person who comes back under the same name cannot have gone farther: this fast, and with this error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
-# Without a name, a person hidden for at most this time is near the extrapolated position.
+# A person without a name, hidden for at most this time, is near the extrapolated position.
 _WALKED_ON_S, _STRAYED_M_S = 3.0, 0.2
 # End of a lost track: names that trackers give again after that are another person's.
 _FORGOTTEN_AFTER_S = 30.0
 
 
 class Became(StrEnum):
-    """What a detection has become."""
+    """Result of the association of a detection."""
 
     USED = "used"
     TENTATIVE = "tentative"
@@ -74,19 +75,10 @@ class People:
     def __init__(self, make_predictor: Callable[[], Predictor], coast_s: float = 1.0) -> None:
         self._make_predictor = make_predictor
         self._coast_s = coast_s
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all people."""
         self._tracks: list[TrackedPerson] = []
         self._gone: list[TrackedPerson] = []
         self._count = 0
         self._newest_s = -math.inf
-
-    @property
-    def newest_capture_s(self) -> float | None:
-        """Capture time of the newest detection of a person; None before the first one."""
-        return max((track.seen_s for track in self.confirmed), default=None)
 
     def see(self, observations: Sequence[HeadObservation]) -> list[tuple[int, Became]]:
         """Take in detections of one frame.
@@ -172,8 +164,6 @@ class People:
         noise_m2 = np.array([noise_of(seen) for seen in observations])
         names = [seen.person_id for seen in observations]
         pairs = assign(expected, unseen_s, [track.tracker_id for track in tracks], measured_m, noise_m2, names)
-        if not pairs:
-            return []
         rows, columns = [row for row, _ in pairs], [column for _, column in pairs]
         corrected = expected.of(rows).corrected(measured_m[columns], noise_m2[columns])
         for k, row in enumerate(rows):
@@ -181,7 +171,7 @@ class People:
         return [(tracks[row], column) for row, column in pairs]
 
     def _took(self, track: TrackedPerson, observation: HeadObservation) -> Became:
-        renamed = None not in (track.tracker_id, observation.person_id) and track.tracker_id != observation.person_id
+        renamed = track.is_named_otherwise(observation)
         track.take(observation, track.motion)
         if track.confirmed:
             return Became.RENAMED if renamed else Became.USED
@@ -251,14 +241,11 @@ def middle_of(forecasts: Sequence[Forecast]) -> Forecast:
         Halfway between the outermost pans and between the outermost tilts, at the mean distance; all else as the first.
     """
     means_m = np.array([forecast.means_base_m for forecast in forecasts])
-    x, y, z = np.moveaxis(means_m, -1, 0)
+    pans_rad, tilts_rad = np.moveaxis(pan_tilt_rad(means_m), -1, 0)
     # From the first person's pan, so that people on both sides of straight behind are one group.
-    first_rad = np.arctan2(y[0], x[0])
-    aside_rad = (np.arctan2(y, x) - first_rad + np.pi) % (2.0 * np.pi) - np.pi
-    pan_rad = first_rad + 0.5 * (aside_rad.min(axis=0) + aside_rad.max(axis=0))
-    tilts_rad = np.arctan2(z, np.hypot(x, y))
+    aside_rad = wrapped_rad(pans_rad - pans_rad[0])
+    pan_rad = pans_rad[0] + 0.5 * (aside_rad.min(axis=0) + aside_rad.max(axis=0))
     tilt_rad = 0.5 * (tilts_rad.min(axis=0) + tilts_rad.max(axis=0))
-    level = np.cos(tilt_rad)
-    directions = np.stack([level * np.cos(pan_rad), level * np.sin(pan_rad), np.sin(tilt_rad)], axis=-1)
+    directions = np.stack(unit_vector(pan_rad, tilt_rad), axis=-1)
     ranges_m = np.linalg.norm(means_m, axis=-1).mean(axis=0)
     return replace(forecasts[0], means_base_m=ranges_m[:, None] * directions)

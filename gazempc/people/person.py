@@ -12,6 +12,7 @@ from gazempc.people.association import Motion
 from gazempc.people.tracker_faults import START_S, OrientationJumps, TrackStart
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
+from predictors.predictor import noise_m2
 
 # Cameras that look at the same time are not exact; people move by a centimetre meanwhile.
 ONE_FRAME_S = 0.01
@@ -28,7 +29,7 @@ _ORIENTATION_LASTS_S = 0.5
 
 @dataclass(frozen=True)
 class PersonState:
-    """What is known of one person at one time; it is what decides whom to look at.
+    """Estimate of one person at one time: the input of attention policies.
 
     Attributes:
         number: Which person, from 1 on; never given twice in a run.
@@ -66,7 +67,7 @@ class TrackedPerson:
 
     Attributes:
         number: Which person.
-        tracker_id: What the tracker called them last.
+        tracker_id: Last name that the tracker gave them.
         motion: Their motion when they were seen last.
         newest: The last sighting.
         seen_s: Its capture time, seconds.
@@ -117,10 +118,7 @@ class TrackedPerson:
         """
         captured_s = observation.capture_time_s
         began_s = min(self.since_s, captured_s)
-        named_otherwise = (
-            None not in (self.tracker_id, observation.person_id) and self.tracker_id != observation.person_id
-        )
-        if named_otherwise or self.seen_s - began_s > START_S:
+        if self.is_named_otherwise(observation) or self.seen_s - began_s > START_S:
             return False
         if any(abs(each.capture_time_s - captured_s) <= ONE_FRAME_S for each in self._waiting):
             return False
@@ -128,6 +126,10 @@ class TrackedPerson:
         self.sightings += 1
         self._waiting.append(observation)
         return True
+
+    def is_named_otherwise(self, observation: HeadObservation) -> bool:
+        """Whether a sighting has another name of the tracker than the track; False where one of them has none."""
+        return None not in (self.tracker_id, observation.person_id) and self.tracker_id != observation.person_id
 
     def forecast(self, times_s: FloatArray) -> Forecast:
         """Forecast the head.
@@ -139,7 +141,7 @@ class TrackedPerson:
             The forecast.
 
         Raises:
-            Exception: Whatever the predictor raises.
+            Exception: Any exception of the predictor.
         """
         self.catch_up(len(self._waiting))
         return self._predictor.forecast(times_s)
@@ -151,7 +153,7 @@ class TrackedPerson:
             most: Not more than so many sightings, the oldest first.
 
         Raises:
-            Exception: Whatever the predictor raises.
+            Exception: Any exception of the predictor.
         """
         for _ in range(min(most, len(self._waiting))):
             with contextlib.suppress(OutOfOrderError):
@@ -176,7 +178,7 @@ class TrackedPerson:
             position_base_m: Where they are then, shape (3,), metres.
 
         Returns:
-            What is known.
+            The estimate.
         """
         facing = self._oriented
         lately = facing is not None and time_s - facing.capture_time_s <= _ORIENTATION_LASTS_S
@@ -194,5 +196,4 @@ class TrackedPerson:
 
 def noise_of(observation: HeadObservation) -> FloatArray:
     """Covariance of a position's error, as stated or as assumed, shape (3, 3), square metres."""
-    stated = observation.position_covariance_m2
-    return _POSITION_NOISE_M2 if stated is None else stated
+    return noise_m2(observation, _POSITION_NOISE_M2)

@@ -1,4 +1,4 @@
-"""The policies that ship: whom to look at."""
+"""The attention policies that ship."""
 
 from __future__ import annotations
 

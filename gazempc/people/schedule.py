@@ -69,19 +69,14 @@ class LookAways:
         # Asked for at every plan.
         self._shift: Callable[[float, float], GazeShift] = lru_cache(64)(partial(shift_of, neck))
         self._rng = np.random.default_rng([seed, 22])
-        # From now on nothing earlier can be done: the neck has its commands already.
+        # Earliest effect of a new plan: until then the neck follows commands already sent.
         self._lead_s = float(np.max(neck.dead_time_s[:2] + neck.servo_lag_s[:2]))
         self._planned: list[Aversion] = []
         self._rhythm_from_s: float | None = None
         self.left_out = 0
 
-    def reset(self) -> None:
-        """Forget what is planned."""
-        self._planned = []
-        self._rhythm_from_s = None
-
     def planned(self, now_s: float) -> tuple[Aversion, ...]:
-        """What is planned, as far as a controller looks ahead, and what is going on.
+        """Looks away that are planned within the preview of a controller, or under way.
 
         Args:
             now_s: The time, seconds; not less than the last one.
@@ -98,13 +93,13 @@ class LookAways:
         return tuple(each for each in self._planned if each.end_s > now_s)
 
     def going_on(self, now_s: float) -> Aversion | None:
-        """The look away that is going on; asking changes no plan.
+        """The look away that is under way; the plan is not changed.
 
         Args:
             now_s: The time, seconds.
 
         Returns:
-            It; None while there is contact, or contact is due.
+            The look away; None while contact is due.
         """
         return next((each for each in self._planned if each.start_s <= now_s < each.end_s), None)
 

@@ -80,7 +80,7 @@ class FrozenTracker:
         return False
 
     def repeats(self, sighting: Sighting) -> bool:
-        """Whether a sighting, of whomever, is the position at which the tracker stands frozen.
+        """Whether a sighting, of any person, is the position at which the tracker stands frozen.
 
         Args:
             sighting: The sighting.
@@ -88,7 +88,7 @@ class FrozenTracker:
         return self.frozen and _position_of(sighting) == self._position
 
     def is_over(self, time_s: float) -> bool:
-        """Whether nothing has been seen for so long that this is no longer the same person's standstill.
+        """Whether the last sighting is too old to belong to the same standstill.
 
         Args:
             time_s: The time, seconds.
@@ -105,13 +105,13 @@ class FrozenTracker:
 
 
 class FrozenPeople:
-    """Notices the same among several people, each by their number."""
+    """Detects the same among several people, each by their number."""
 
     def __init__(self) -> None:
         self._trackers: dict[int, FrozenTracker] = {}
 
     def repeats(self, sighting: Sighting) -> bool:
-        """Whether a sighting, before it is known whose it is, repeats a position at which a tracker stands frozen.
+        """Whether a sighting, before its association, repeats a position at which a tracker stands frozen.
 
         Args:
             sighting: The sighting.
@@ -233,7 +233,7 @@ class TrackStart:
 
         Raises:
             OutOfOrderError: If it is older than the newest one and comes after the start, or is there already.
-            Exception: Whatever the predictor raises.
+            Exception: Any exception of the predictor.
         """
         captured_s = observation.capture_time_s
         if self._has_place_for(captured_s):

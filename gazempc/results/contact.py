@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.neck.kinematics import gaze_ray, head_angles_rad, look_at_rad
+from gazempc.neck.kinematics import gaze_ray, head_angles_rad, look_at_rad, wrapped_rad
 from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray
@@ -39,11 +39,6 @@ def of_known(values: FloatArray | BoolArray, statistic: Callable[[Any], Any] = n
 def p95(values: FloatArray) -> float:
     """95th percentile."""
     return float(np.percentile(values, 95))
-
-
-def wrapped(angle_rad: FloatArray) -> FloatArray:
-    """Angles in [-pi, pi), radians."""
-    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def share_within(error_deg: FloatArray, limit_deg: float) -> float:
@@ -91,7 +86,7 @@ def overshoot_deg(log: Log, ticks: slice = slice(None)) -> float:
     eye_base_m, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[ticks])
     to_head_m, time_s = log.head_true_base_m[ticks] - eye_base_m, log.time_s[ticks]
     off_rad = np.arctan2(direction[:, 1], direction[:, 0]) - np.arctan2(to_head_m[:, 1], to_head_m[:, 0])
-    off_deg = np.rad2deg(wrapped(off_rad))
+    off_deg = np.rad2deg(wrapped_rad(off_rad))
     if not (off_deg.size and abs(off_deg[0]) > CONTACT_DEG[-1]):
         return float("nan")
     passed_deg = -np.sign(off_deg[0]) * off_deg
@@ -188,9 +183,9 @@ def aim_error_rad(log: Log, picture: FramedPicture) -> FloatArray:
     half = max(1, round(0.5 * _RATE_OVER_S / log.neck.servo_period_s))
     at = np.arange(looks_rad.shape[0])
     before, after = np.maximum(at - half, 0), np.minimum(at + half, at.size - 1)
-    turned_rad = wrapped(looks_rad[after, 0] - looks_rad[before, 0])
+    turned_rad = wrapped_rad(looks_rad[after, 0] - looks_rad[before, 0])
     aim_rad = picture.aim_rad(looks_rad, turned_rad / np.maximum(log.time_s[after] - log.time_s[before], 1e-9))
-    return wrapped(aim_rad - head_angles_rad(log.joint_position_rad))
+    return wrapped_rad(aim_rad - head_angles_rad(log.joint_position_rad))
 
 
 def _time_to_reacquire_s(log: Log, in_zone: BoolArray) -> float:

@@ -20,7 +20,7 @@ from gazempc.results.log import FORECAST_HORIZONS_S, TEXT_FIELDS, Fault, Log, Ru
 _REASON_SHOWN = 400
 # Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
 _LARGEST = 1e12
-# No run holds still for so long, and no reading is so old.
+# Upper bound of the time between two ticks, and of the age of a reading.
 _LONGEST_GAP_S = 60.0
 _FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s", "event_time_s")
 # The first bytes of every MCAP file.

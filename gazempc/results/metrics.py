@@ -110,7 +110,7 @@ def measure(log: Log) -> Metrics:
     """
     neck = log.neck
     error = gaze_error_deg(log)
-    # Nothing is scored where the true head or the joints are unknown. A live run is scored by what needs no true head.
+    # Ticks are scored where true head and joints are known; in a run without a true head, where the joints are.
     knows_head = log.run.knows_true_head
     judged = error if knows_head else log.joint_position_rad.sum(axis=1)
     scored = scored_ticks(log, judged)

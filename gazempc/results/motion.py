@@ -14,10 +14,12 @@ from gazempc.results.contact import of_known, p95
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray, IntArray
 
+# Of the authors: highest frequency that counts; share of the peak below which the last frequencies do not count; zero
+# padding, powers of two beyond the length.
+_CUTOFF_HZ, _THRESHOLD, _PADDING = 10.0, 0.05, 4
 
-def sparc(
-    speed: FloatArray, rate_hz: float, cutoff_hz: float = 10.0, threshold: float = 0.05, padding: int = 4
-) -> float:
+
+def sparc(speed: FloatArray, rate_hz: float) -> float:
     """Spectral arc length of a speed profile; larger (less negative) is smoother.
 
     Balasubramanian, Melendez-Calderon, Roby-Brami & Burdet (2015), On the analysis of movement smoothness, eq. 9,
@@ -26,22 +28,19 @@ def sparc(
     Args:
         speed: Speed over time, shape (M,), any unit.
         rate_hz: Samples a second.
-        cutoff_hz: Highest frequency that counts.
-        threshold: Frequencies beyond the last one with this share of the peak do not count.
-        padding: Zero padding, powers of two beyond the length.
 
     Returns:
         The arc length, negative; NaN if nothing moves.
     """
-    points = 2 ** int(np.ceil(np.log2(speed.size)) + padding)
+    points = 2 ** int(np.ceil(np.log2(speed.size)) + _PADDING)
     spectrum = np.abs(np.fft.fft(speed, points))
     if spectrum.max() == 0.0:
         return float("nan")
     frequency_hz = np.arange(points) * rate_hz / points
-    low = frequency_hz <= cutoff_hz
+    low = frequency_hz <= _CUTOFF_HZ
     amplitude = (spectrum / spectrum.max())[low]
     frequency_hz = frequency_hz[low]
-    above = np.flatnonzero(amplitude >= threshold)
+    above = np.flatnonzero(amplitude >= _THRESHOLD)
     used = slice(above[0], above[-1] + 1)
     amplitude, frequency_hz = amplitude[used], frequency_hz[used]
     if frequency_hz.size < 2:

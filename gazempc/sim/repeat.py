@@ -24,7 +24,7 @@ PATIENCE_S = 10.0
 
 @dataclass(frozen=True)
 class Repeated:
-    """What came of it.
+    """Replays and figures of repeated replays.
 
     Attributes:
         first: The replays under the first seed, by a name of the controller that fits a file and is there once.
@@ -53,7 +53,7 @@ def replay_repeatedly(
         settings: Predictor and parameters of the parts.
         controllers: Names of the controllers.
         count: Number of seeds; None for 8, or as many as fit into ten seconds, or one if the noise makes no difference.
-        progress: Told what is going on.
+        progress: Shows the replay under way.
 
     Returns:
         Replays and figures.
@@ -61,7 +61,7 @@ def replay_repeatedly(
     Raises:
         Interrupted: By a signal before the first replay is complete; later what is complete is returned.
         LeftOutError: If the recording is too short to be scored.
-        SettingsError: If a part cannot be made, or does not do what it must.
+        SettingsError: If a part cannot be made, or violates its interface.
     """
     first: dict[str, Replayed] = {}
     plans: dict[str, list[PlanMoment]] = {}

@@ -21,8 +21,8 @@ from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
+from gazempc.neck.kinematics import seen_from_head
 from gazempc.neck.narrow import narrowed
-from gazempc.neck.poses import seen_from_head
 from gazempc.parts import CONTROLLER, PREDICTOR, gaze_of, name_of
 from gazempc.people.schedule import LookAways
 from gazempc.people.tracker_faults import is_low_rate
@@ -49,7 +49,7 @@ class ReplaySettings(GazeSettings, SceneSettings):
 
 
 class Replayed(NamedTuple):
-    """What a replay gives.
+    """Result of a replay.
 
     Attributes:
         log: The log.

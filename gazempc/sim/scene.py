@@ -62,7 +62,7 @@ class Scene:
 
     Attributes:
         walk: The recording in the robot's base frame, time starting at 0.
-        neck: The neck as controller and smoother know it.
+        neck: The neck as modelled by controller and smoother.
         sensor: The sensor.
         placement: The robot's place.
         stands_at_sensor: Whether that is where the recording's own sensor stood.

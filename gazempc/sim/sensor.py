@@ -1,4 +1,4 @@
-"""Sensors by name or path. What is in their files and what they see: folder `sensing`."""
+"""Sensors by name or path; the folder `sensing` has the fields of their files and their observations."""
 
 from __future__ import annotations
 

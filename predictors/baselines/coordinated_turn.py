@@ -29,7 +29,7 @@ _SPEED, _HEADING, _TURN_RATE, _PELVIS_OFFSET, _HEAD_OFFSET = range(2, 7)
 # Hysteresis of the speed at which a heading is defined.
 _STANDS_BELOW_M_S = 0.2
 _WALKS_FROM_M_S = 0.3
-_INITIAL_TURN_RATE_SD_RAD_S = 0.5
+INITIAL_TURN_RATE_SD_RAD_S = 0.5
 # By how much people's heads and pelvises, as tracked, point aside of where they walk, and how that drifts.
 _OFFSET_SD_RAD = np.array([0.1, 0.2])
 _OFFSET_WALK_RAD2_PER_S = np.array([0.0004, 0.0004])
@@ -179,7 +179,7 @@ class CoordinatedTurn(Refinement):
         return x, (P + np.swapaxes(P, 1, 2)) / 2.0
 
     def _begin(self) -> None:
-        """Take position, speed and heading from the steady walk, with no turn known yet."""
+        """Take position, speed and heading from the steady walk, and an unknown turn rate."""
         from filterpy.kalman import ExtendedKalmanFilter  # noqa: PLC0415
 
         _, steady, spread = self._position.state()
@@ -190,11 +190,11 @@ class CoordinatedTurn(Refinement):
         to_polar[2:, 3:5] = [[c, s], [-s / speed, c / speed]]
         ekf = ExtendedKalmanFilter(dim_x=7, dim_z=1)
         ekf.x, ekf.P = np.zeros(7), np.diag([0.0] * 5 + list(_OFFSET_SD_RAD**2))
-        if self._filter is not None:  # the offsets are the person's, whatever they did in between
+        if self._filter is not None:  # the offsets belong to the person and outlast a stop
             ekf.x[5:], ekf.P[5:, 5:] = self._filter.x[5:], self._filter.P[5:, 5:]
         ekf.x[:4] = [steady[0], steady[1], speed, heading]
         ekf.P[:4, :4] = to_polar @ spread @ to_polar.T
-        ekf.P[_TURN_RATE, _TURN_RATE] = _INITIAL_TURN_RATE_SD_RAD_S**2
+        ekf.P[_TURN_RATE, _TURN_RATE] = INITIAL_TURN_RATE_SD_RAD_S**2
         self._filter = ekf
         self._walks = True
 

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from predictors.baselines.coordinated_turn import arc, turned_per_rate_s
+from predictors.baselines.coordinated_turn import INITIAL_TURN_RATE_SD_RAD_S, arc, turned_per_rate_s
 from predictors.constant_velocity import ConstantVelocity, Refinement
 from predictors.predictor import noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 _SEED = 0
-_INITIAL_TURN_RATE_SD_RAD_S = 0.5
 # Particles sample the position far more coarsely than the sensor measures it. A likelihood as narrow as the sensor's
 # noise would leave only a few of them alive after every frame.
 _LIKELIHOOD_WIDENING = 1.5
@@ -114,7 +113,7 @@ class ParticleFilter(Refinement):
         chosen = [0, 1, 3, 4]
         drawn = self._random.multivariate_normal(x[chosen], P[np.ix_(chosen, chosen)], self._size, method="cholesky")
         self._place = drawn[:, :2]
-        turn_rate = _INITIAL_TURN_RATE_SD_RAD_S * self._random.standard_normal(self._size)
+        turn_rate = INITIAL_TURN_RATE_SD_RAD_S * self._random.standard_normal(self._size)
         self._motion = np.column_stack(
             [np.hypot(drawn[:, 2], drawn[:, 3]), np.arctan2(drawn[:, 3], drawn[:, 2]), turn_rate]
         )

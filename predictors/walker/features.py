@@ -19,7 +19,7 @@ from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
 # Rounding: below it, as at a first frame, the line has no direction.
 _NO_DIRECTION_M_S = 1e-6
-# Between these speeds, above any walk, the learned departure fades out.
+# Between these speeds, above any walk, the networks' departure fades out.
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
 _OFFSET_PRIOR_FRAMES = 15.0
@@ -92,7 +92,7 @@ class WalkerInputs:
 
 
 class WalkerHistory:
-    """The last 1.2 s of one person, and parameters of person and tracker learned online.
+    """The last 1.2 s of one person, and parameters of person and tracker estimated online.
 
     Learned are the constant offsets of head and pelvis yaw from the direction of travel, the spectrum of the tracker's
     error, and the errors of the straight-line forecast.

@@ -79,7 +79,7 @@ def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused() -> Non
     assert cv.rejections_in_a_row == 0
 
 
-def test_a_person_in_a_sharp_turn_is_not_taken_for_somebody_else():
+def test_a_person_in_a_sharp_turn_passes_the_gate():
     """1.5 m/s straight, then a quarter turn of 0.5 m radius: no observation is refused."""
     speed, radius, turn_s = 1.5, 0.5, 1.0
     predictor, rng = ConstantVelocity(), np.random.default_rng(0)

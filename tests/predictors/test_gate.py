@@ -58,7 +58,7 @@ def test_spikes_are_refused_and_nothing_else() -> None:
     assert np.mean(good) < 0.01
 
 
-def test_a_tracker_that_is_noisier_than_it_says_is_not_refused_for_long() -> None:
+def test_a_tracker_noisier_than_stated_is_not_refused_for_long() -> None:
     """A range that is wrong by 15 % in each frame, and 10 mm stated: after a second nearly all is used."""
     rng, cv, refused = np.random.default_rng(2), ConstantVelocity(), []
     for k in range(150):

@@ -176,14 +176,14 @@ class Mpc:
         joint_rad_s = float(situation.settled_velocity_rad_s[axis])
         motion = command.position_rad[axis], command.velocity_rad_s[axis], command.acceleration_rad_s2[axis]
         state = np.array((joint_rad, joint_rad_s, *motion))
-        # Without its offset, the joint follows the command by the model.
+        # The model has no offset.
         reference_rad = reference_rad - offset_rad
         if self.picture is not None:
             zone_rad = self._zone_rad(self.picture, axis, situation, reference_rad, joint_rad_s)
             return self.ocps[axis].solve(state, reference_rad, zone_rad)
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
         bounds_rad = self._acquisitions[axis].bounds_rad(joint_rad, joint_rad_s, reference_rad, turning_rad_s)
-        # Without the eye, the smoothing of the head is not made up for.
+        # A held eye does not compensate the smoothing of the head.
         if bounds_rad is None and not quick:
             return self.ocps[axis].solve(state, reference_rad)
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gazempc.neck.kinematics import gaze_ray, look_at, unwrap_pan
+from gazempc.neck.kinematics import gaze_ray, look_at, pan_tilt_rad, unwrap_pan
 from gazempc.neck.spec import AXES
 from gazempc.results.figures.known import draw_known, finish, parts, shown_head
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, note, readable, shade_unscored, styles
@@ -108,11 +108,11 @@ def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
     _, gaze = gaze_ray(log.neck.geometry, log.joint_position_rad)
     curves: dict[str, tuple[FloatArray, dict[str, Any]]] = {}
     for part in parts(log):
-        angles_rad = _continuous(log, _pan_tilt(part.direction))
+        angles_rad = _continuous(log, pan_tilt_rad(part.direction))
         if part.level:
             angles_rad[:, 1] = np.nan
         curves[part.label] = angles_rad, {"lw": 1.3, "ls": part.line}
-    return curves | {"gaze": (_continuous(log, _pan_tilt(gaze)), {"lw": 1.8})}
+    return curves | {"gaze": (_continuous(log, pan_tilt_rad(gaze)), {"lw": 1.8})}
 
 
 def _toward(log: Log, head_base_m: FloatArray, ticks: IntArray) -> FloatArray:
@@ -121,12 +121,7 @@ def _toward(log: Log, head_base_m: FloatArray, ticks: IntArray) -> FloatArray:
         return _continuous(log, look_at(log.neck.geometry, head_base_m).angles_rad)
     joints_rad = np.where(np.isfinite(log.joint_position_rad), log.joint_position_rad, log.command_position_rad)
     eye_m, _ = gaze_ray(log.neck.geometry, joints_rad[ticks])
-    return _continuous(log, _pan_tilt(head_base_m - eye_m))
-
-
-def _pan_tilt(direction: FloatArray) -> FloatArray:
-    x, y, z = np.moveaxis(direction, -1, 0)
-    return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
+    return _continuous(log, pan_tilt_rad(head_base_m - eye_m))
 
 
 def _continuous(log: Log, angles_rad: FloatArray) -> FloatArray:

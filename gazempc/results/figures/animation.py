@@ -66,7 +66,7 @@ def frame_times(length_s: float) -> FloatArray:
         Times from the start, shape (K,), seconds.
     """
     period_s = 1e-3 * FRAME_MS
-    # No frame right before the last one: a player would show two that look the same.
+    # The last but one frame is at least half a period earlier: a nearer one would look the same.
     return np.append(np.arange(0.0, length_s - 0.5 * period_s, period_s), length_s)
 
 

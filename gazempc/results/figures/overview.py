@@ -87,12 +87,10 @@ def attended(logs: Logs, path: Path) -> None:
 
 
 def _draw_contact(ax: Axes, log: Log, at: float) -> None:
-    start_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
-    contact = gaze_error_deg(log) <= CONTACT_DEG[0]
-    edges = np.flatnonzero(np.diff(contact, prepend=False, append=False))
-    times_s = np.append(log.time_s, end_s) - start_s
-    spans = [(times_s[a], times_s[b] - times_s[a]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    ax.broken_barh(spans, (at, _CONTACT), color=style.CONTACT_COLOUR, lw=0)
+    spans_s = people.spans(gaze_error_deg(log) <= CONTACT_DEG[0], log.time_s)
+    ax.broken_barh(
+        [(from_s, to_s - from_s) for from_s, to_s in spans_s], (at, _CONTACT), color=style.CONTACT_COLOUR, lw=0
+    )
 
 
 _OVERVIEW_WIDTH = 32 / 3

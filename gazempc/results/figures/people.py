@@ -10,6 +10,7 @@ import numpy as np
 
 from gazempc.results.figures.style import Logs
 from gazempc.results.log import Log
+from gazempc.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,8 +122,18 @@ def away_in_all(logs: Logs) -> tuple[tuple[float, float], ...]:
     ticks = min(log.time_s.size for log in logs.values())
     away = np.logical_and.reduce([log.looks_away[:ticks] for log in logs.values()])
     first = next(iter(logs.values()))
-    edges = np.flatnonzero(np.diff(away, prepend=False, append=False))
-    at_s = np.append(first.time_s, first.time_s[-1])[edges] - first.time_s[0]
+    return spans(away, first.time_s)
+
+
+def spans(flags: BoolArray, time_s: FloatArray) -> tuple[tuple[float, float], ...]:
+    """Beginnings and ends of the spans in which a flag is set, seconds from the first tick.
+
+    Args:
+        flags: The flag at each tick, shape (M,).
+        time_s: Times of the ticks, at least as many, seconds.
+    """
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    at_s = np.append(time_s, time_s[-1])[edges] - time_s[0]
     return tuple(zip(at_s[::2].tolist(), at_s[1::2].tolist(), strict=True))
 
 
@@ -137,16 +148,16 @@ def draw_turns(ax: Axes, log: Log, at: float, height: float, letters: float) -> 
         letters: How many letters have room in the time from 0 to the end of the log.
     """
     per_s = letters / max(float(log.time_s[-1] - log.time_s[0]), 1e-9)
-    spans = looks_away(log)
+    away = looks_away(log)
     for turn in turns(log):
         lasts_s = turn.to_s - turn.from_s
         ax.barh(at, lasts_s, height, turn.from_s, color=person_colour(turn.number), ec="w", lw=0.8)
         # Words stand where they have most room between looks away.
-        inside = [(from_s, to_s) for from_s, to_s, _ in spans if turn.from_s <= from_s < turn.to_s]
+        inside = [(from_s, to_s) for from_s, to_s, _ in away if turn.from_s <= from_s < turn.to_s]
         ends_s = np.array([turn.from_s, *(at_s for span in inside for at_s in span), turn.to_s]).reshape(-1, 2)
         from_s, to_s = max(ends_s.tolist(), key=lambda free: free[1] - free[0])
         _write(ax, 0.5 * (from_s + to_s), at, turn.texts, per_s * (to_s - from_s))
-    for from_s, to_s, why in spans:
+    for from_s, to_s, why in away:
         ax.barh(at, to_s - from_s, height, from_s, fc=(1, 1, 1, 0.55), ec="0.35", hatch=_HATCH, lw=0.6)
         _write(ax, 0.5 * (from_s + to_s), at, (why,), per_s * (to_s - from_s), bbox=_BOX)
 

@@ -99,7 +99,7 @@ def _cell(value: float) -> str:
     return f"{value:.3g}" if np.isfinite(value) else "-"
 
 
-# Of what a run draws, in the order in which a reader wants it.
+# Pictures of a run, in reading order.
 _ABOUT = {
     "overview.png": "The walk from above, the gaze error over time, and the time with eye contact",
     "gaze.gif": "Animation: what the robot sees with each gaze",

@@ -127,7 +127,7 @@ def other_offset(positions_m: FloatArray, shown: BoolArray, other: OtherPerson) 
 def stated_covariances(
     measured_m: FloatArray, each_axis_m: float, along: AlongError, across: AcrossError
 ) -> FloatArray:
-    """What a sensor states of its error: variances of white error and wander, at the range that it measures.
+    """Covariance of the error as a sensor states it: of white error and wander, at the measured range.
 
     Args:
         measured_m: Measured positions, shape (N, 3), metres, base frame.

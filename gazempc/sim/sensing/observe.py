@@ -1,4 +1,4 @@
-"""What a sensor sees of a recording."""
+"""Observations of a recording by a simulated sensor."""
 
 from __future__ import annotations
 

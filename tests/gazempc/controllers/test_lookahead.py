@@ -57,7 +57,7 @@ def test_the_low_pass_follows_a_small_jump_by_its_time_constant():
 
 
 @pytest.mark.parametrize("name", ["slow", "reachy_mini"])
-def test_somebody_far_off_is_gone_to_as_without_a_low_pass(name):
+def test_acquisition_is_not_smoothed(name):
     """The command is the same one until it is within 5 deg of them, and nobody is passed by more than without."""
     neck, angle_rad = load_neck(name), np.radians(40.0)
     ticks = round(2.5 * neck.servo_rate_hz)

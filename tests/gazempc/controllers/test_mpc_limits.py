@@ -108,7 +108,7 @@ def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
-def test_a_start_outside_the_limits_has_a_plan_that_says_so(seed):
+def test_a_start_outside_the_limits_softens_them_with_an_event(seed):
     """Commands at up to three times the limits: a finite plan, never an exception; the softened limit is named."""
     rng = np.random.default_rng(seed)
     limits = NECK.command_limits
@@ -143,7 +143,7 @@ def test_a_start_outside_the_limits_has_a_plan_that_says_so(seed):
     st.sampled_from([Reactive, LookAhead, Mpc]),
     st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-2, 2)), min_size=2, max_size=5),
 )
-def test_whoever_walks_wherever_the_limits_hold(name, kind, places):
+def test_the_limits_hold_for_all_walks_and_places(name, kind, places):
     """People who jump about, also behind the robot and into it; every shipped neck and every controller."""
     neck = load_neck(name)
     points = np.array(places)

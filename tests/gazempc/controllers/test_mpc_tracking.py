@@ -120,7 +120,7 @@ def test_a_horizon_that_is_shorter_than_its_smoothing_is_refused():
 
 @pytest.mark.parametrize("name", ["reference", "slow"])
 @pytest.mark.parametrize(("side", "towards"), [(1.0, True), (-1.0, False)])
-def test_somebody_who_appears_aside_is_hardly_passed(name, side, towards):
+def test_acquisition_of_a_walker_hardly_overshoots(name, side, towards):
     """60 deg aside, walking towards where the gaze starts or away from there; the forecast is right."""
     neck = load_neck(name)
     speed_m_s = -1.2 if towards else 0.8
@@ -138,7 +138,7 @@ def test_somebody_who_appears_aside_is_hardly_passed(name, side, towards):
 
 
 @pytest.mark.parametrize("name", ["reference", "reachy_mini"])
-def test_somebody_who_stands_aside_is_hardly_passed(name):
+def test_acquisition_of_a_person_at_rest_hardly_overshoots(name):
     """20 deg aside, less than what gives bounds: the program that follows gets the joint when it is slow."""
     neck = load_neck(name)
     joints, _, _ = run(Mpc(neck), neck, still(np.radians(20.0)), 300)

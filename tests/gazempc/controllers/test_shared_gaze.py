@@ -160,7 +160,7 @@ def test_the_eyes_take_over_from_a_head_that_is_blocked():
     assert error_deg[ticks // 2 :].max() < 0.05
 
 
-def test_eyes_at_their_limit_are_said():
+def test_eyes_at_their_limit_are_an_event():
     plans = []
 
     class Kept(Mpc):

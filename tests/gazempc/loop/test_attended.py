@@ -62,7 +62,7 @@ def stands(x_m, y_m=1.0, name=None, until_s=99.0):
     return lambda time_s: ([x_m, y_m + 1e-3 * np.sin(9.0 * time_s), 0.3], None, name) if time_s < until_s else None
 
 
-def test_whoever_is_frozen_is_not_used_and_is_left_while_the_others_go_on():
+def test_a_frozen_person_is_not_used_and_is_left_while_the_others_go_on():
     bench = Bench().show(3.4, walker(name="a", frozen_s=(1.5, 3.0)), stands(3.0, name="b"))
     assert bench.attended[0] == (1, "policy")
     assert "tracker_frozen" in bench.events
@@ -100,7 +100,7 @@ def test_what_the_predictor_refuses_is_counted():
     assert bench.recorder.used == 0
 
 
-def test_when_everybody_is_lost_nobody_is_looked_at_until_somebody_is_there():
+def test_after_the_loss_of_all_people_none_is_attended_until_one_is_there():
     bench = Bench().show(0.8, stands(2.0, 1.0), stands(3.0, -1.0)).show(1.2)
     assert bench.events[-1] == "nobody_attended"
     assert bench.target.forecast(np.array([2.5]), bench.time_s, bench.recorder) is None
@@ -122,7 +122,7 @@ def test_a_policy_that_answers_nonsense_is_survived(answer):
     assert bench.attended == []
 
 
-def test_a_policy_that_wants_nobody_gets_nobody():
+def test_a_policy_may_exclude_all_people():
     class Nobody:
         def reset(self):
             pass

@@ -44,7 +44,7 @@ def test_a_controller_that_was_made_for_another_neck_is_refused(kind):
     assert make_controller(made, slow, SETTINGS, {}) is made
 
 
-def test_what_no_controller_knows_of_a_neck_may_differ():
+def test_properties_outside_the_model_of_a_controller_may_differ():
     noisy = NECK.model_copy(update={"name": "noisy", "pan": NECK.pan.model_copy(update={"encoder_noise_deg": 0.1})})
     made = gz.Mpc(NECK)
     assert make_controller(made, noisy, SETTINGS, {}) is made
@@ -141,7 +141,7 @@ def failing(method, how):
         ),
     ],
 )
-def test_what_a_predictor_does_wrong_is_said(method, how, said):
+def test_a_fault_of_a_predictor_is_named(method, how, said):
     with pytest.raises(SettingsError, match=f"predictor Failing: {said}"):
         check_predictor(failing(method, how))
 
@@ -155,7 +155,7 @@ def test_what_a_predictor_does_wrong_is_said(method, how, said):
         ("plan", None, "NoneType, needed is a Plan"),
     ],
 )
-def test_what_a_controller_does_wrong_is_said(method, result, said):
+def test_a_fault_of_a_controller_is_named(method, result, said):
     class Wrong(gz.Reactive):
         pass
 

@@ -54,7 +54,7 @@ def test_a_late_frame_does_not_end_a_frozen_tracker():
     assert events(log) == {"no_observation_yet", "tracker_frozen", "out_of_order"}
 
 
-def test_the_controller_sees_what_the_robot_received_and_its_plan_starts_when_said():
+def test_the_controller_gets_the_commands_received_and_its_plan_starts_at_its_time():
     """With a compute delay of 15 ms: history, committed commands and the tick from which a plan is followed."""
     seen = []
 

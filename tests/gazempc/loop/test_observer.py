@@ -131,7 +131,7 @@ def test_a_blocked_joint_is_no_load_without_bound():
         JointState(0.7, np.ones(2), np.zeros(2)),  # from the future
     ],
 )
-def test_a_measurement_that_cannot_be_believed_changes_nothing_and_is_said(bad):
+def test_an_implausible_measurement_is_refused_and_changes_nothing(bad):
     observer, untouched = (JointObserver(NECK, np.zeros(2), 0.0) for _ in range(2))
     for k in range(100):
         observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))

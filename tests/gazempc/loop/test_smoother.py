@@ -72,7 +72,7 @@ def test_a_feasible_plan_is_followed_exactly(seed):
         max_size=12,
     )
 )
-def test_whatever_is_asked_the_command_stays_within_limits(targets):
+def test_the_command_stays_within_limits_for_all_plans(targets):
     """Jumping targets far outside, with impossible velocities and accelerations."""
     smoother = Smoother(NECK, np.zeros(2))
     positions, k = [], 0

@@ -213,7 +213,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
             load_neck(path)
 
 
-def test_necks_are_equal_by_their_fields_whatever_was_computed_of_them():
+def test_necks_are_equal_by_their_fields_alone():
     used, unused = load_neck("reference"), load_neck("reference")
     assert used.command_limits is not None
     assert used.dead_time_s.size == 2

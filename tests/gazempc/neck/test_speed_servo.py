@@ -36,7 +36,7 @@ def integrated(axis: Axis, until_s: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("zeta", [0.4, 1.0, 2.0])
-def test_speeds_move_the_joint_as_scipy_says(zeta: float) -> None:
+def test_speeds_move_the_joint_as_in_scipy(zeta: float) -> None:
     axis = speed_axis(0.123, zeta)
     servo = DelayedServo(axis, 0.0)
     for sent_s, speed in SPEEDS:

@@ -53,7 +53,7 @@ def test_looks_away_against_their_schedule():
     assert found.contact_attended == pytest.approx(1.0 - (0.2 + 0.1 + 0.1) / 6.0, abs=0.003)
 
 
-def test_where_nobody_knows_the_true_head_only_switches_are_counted():
+def test_with_an_unknown_true_head_only_switches_are_counted():
     log = attention_log(error_in(12.0, 20.0), TWO_SWITCHES, kind="live")
     found = measure_attention(replace(log, head_true_base_m=np.full_like(log.head_true_base_m, np.nan)))
     assert found.switches_per_minute == pytest.approx(10.0)

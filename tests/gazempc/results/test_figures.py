@@ -108,7 +108,7 @@ def _known_at(logs: Logs, every: int) -> Logs:
     return some
 
 
-def test_a_head_that_is_known_at_rare_frames_is_drawn_as_points_and_said(logs: Logs) -> None:
+def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs: Logs) -> None:
     rare = _known_at({"mpc": logs["mpc"]}, 24)
     head = shown_head(rare["mpc"])
     assert head.rare
@@ -129,7 +129,7 @@ def test_a_head_that_is_known_at_rare_frames_is_drawn_as_points_and_said(logs: L
     assert np.isfinite(error_deg).sum() == head.known.sum()
 
 
-def test_a_head_that_nobody_knows_is_drawn_as_it_was_observed_and_said(logs: Logs, tmp_path: Path) -> None:
+def test_an_unknown_head_is_drawn_as_observed_with_a_note(logs: Logs, tmp_path: Path) -> None:
     log = logs["mpc"]
     live = {"mpc": replace(log, run=log.run.model_copy(update={"kind": "live"}))}
     unknown = _known_at(live, 0)
@@ -174,7 +174,7 @@ def attention():
     return replace(made, head_true_base_m=heads_m)
 
 
-def test_each_turn_is_a_bar_in_the_colour_of_its_person_and_says_why(attention):
+def test_each_turn_is_a_bar_in_the_colour_of_its_person_with_the_reason(attention):
     ax = Figure().subplots()
     draw_turns(ax, attention, 0.0, 1.0, letters=200)
     bars = [patch for patch in ax.patches if isinstance(patch, Rectangle)]
@@ -204,7 +204,7 @@ def test_the_time_lines_have_the_colours_of_the_people_and_the_share_is_the_metr
     assert share[-1] == pytest.approx(measure(attention).eye_contact_2p6)
 
 
-def test_the_report_says_whom_the_gaze_was_for(attention):
+def test_the_report_lists_the_attended_people(attention):
     page = run_page({"mpc": attention}, [measured_again(attention)], [], MEANINGS, [], "command", {})
     _, metrics, line = page.tables
     [chart] = page.charts

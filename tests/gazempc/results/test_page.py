@@ -113,7 +113,7 @@ def test_what_was_out_of_the_ordinary_comes_once_with_its_first_times(logs, tmp_
     assert soup.find(id="unusual").p.text == "Nothing."
 
 
-def test_a_page_stays_small_whatever_it_is_given(tmp_path):
+def test_a_page_of_large_content_stays_small(tmp_path):
     rng = np.random.default_rng(0)
     x = np.arange(100_000) / 200.0
     peak = rng.normal(size=x.size)

@@ -29,7 +29,7 @@ def test_several_people_need_to_be_told_whom_to_look_at():
         make_scene(TWO, SceneSettings())
 
 
-def test_the_gaze_is_on_whoever_is_looked_at():
+def test_the_gaze_is_on_the_attended_person():
     log = replayed("nearest", predictor="walker")
     assert set(log.attended_person.tolist()) == {1, 2}
     assert limit_violations(log, log.neck) == 0
@@ -52,7 +52,7 @@ def test_one_person_among_several_is_looked_at_as_if_they_were_alone():
     assert difference_deg.max() < 1.0
 
 
-def test_the_perfect_forecast_is_that_of_whoever_is_looked_at():
+def test_the_perfect_forecast_is_that_of_the_attended_person():
     log = replayed("nearest", controller="mpc+perfect")
     known = np.isfinite(log.forecast_true_base_m).all(axis=2)
     assert known.sum() > 100
@@ -61,7 +61,7 @@ def test_the_perfect_forecast_is_that_of_whoever_is_looked_at():
 
 
 @pytest.mark.parametrize("exchanged_from_frame", [None, 40])
-def test_observations_that_are_taken_for_somebody_elses_are_swaps(monkeypatch, exchanged_from_frame):
+def test_observations_assigned_to_another_person_are_swaps(monkeypatch, exchanged_from_frame):
     """From some frame on each has the other's number: one swap each, in that frame, and none after."""
     calls = []
     right = people.assign

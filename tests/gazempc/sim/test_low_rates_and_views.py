@@ -34,7 +34,7 @@ def test_a_slow_sensor_of_a_fast_recording_is_one_too():
     assert "low_frame_rate" in replayed(walk(60.0), sensor=sensor).event_name
 
 
-def test_a_replay_of_rare_frames_says_so_once_and_how_much_is_scored(tmp_path, capsys):
+def test_a_replay_of_rare_frames_warns_once_and_prints_how_much_is_scored(tmp_path, capsys):
     slow = walk(3.0, 6.0)
     columns = [slow.times_s, *slow.truth.head_position_m.T]
     np.savetxt(tmp_path / "slow.csv", np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")

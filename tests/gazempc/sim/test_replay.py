@@ -57,7 +57,7 @@ def test_with_the_true_future_a_compute_delay_costs_nothing(delay_s):
     assert measure(log).gaze_error_rms_deg < 0.1
 
 
-def test_a_scene_says_where_the_neck_begins():
+def test_a_scene_has_the_start_of_the_neck():
     scene = make_scene("subject01_R1", SceneSettings(start_offset_deg=10.0))
     seen_m = np.array([2.0, 2.0, 0.0])
     np.testing.assert_allclose(scene.first_angles_rad(seen_m), [np.deg2rad(55.0), 0.0])

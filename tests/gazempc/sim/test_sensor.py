@@ -131,7 +131,7 @@ def test_dropouts_lose_their_share_of_frames() -> None:
     assert set(capture_times(observe(walk, sensor, seed=2))) != set(first)
 
 
-def test_a_sensor_that_sees_nobody_is_an_error() -> None:
+def test_a_sensor_without_a_person_in_view_is_an_error() -> None:
     with pytest.raises(SettingsError, match=r"'perfect' never sees the person in walk: check its range"):
         observe(standing(30), PERFECT.model_copy(update={"range_max_m": 1.0}), seed=1)
 

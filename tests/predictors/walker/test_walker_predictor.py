@@ -44,7 +44,7 @@ def shown(observations, *predictors):
     mirror=st.booleans(),
     sensor=st.sampled_from(["reference", "face_camera", "street", "body_tracker"]),
 )
-def test_where_and_which_way_somebody_walks_does_not_matter(angle_rad, shift_m, mirror, sensor):
+def test_the_forecast_is_invariant_to_place_and_direction(angle_rad, shift_m, mirror, sensor):
     """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on.
 
     With a tracker that wanders by more than 30 mm the line of sight counts, so a shift changes something.

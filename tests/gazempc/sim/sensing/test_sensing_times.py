@@ -6,8 +6,7 @@ from builders.recordings import synthetic
 from builders.replays import replayed
 from builders.sensing import seen, sensor, standing
 
-from gazempc.neck.kinematics import gaze_ray, look_at
-from gazempc.neck.poses import seen_from_head
+from gazempc.neck.kinematics import gaze_ray, look_at, seen_from_head
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
@@ -54,7 +53,7 @@ def test_stamps_err_by_a_constant_and_by_noise_and_arrivals_do_not():
     assert error.std() == pytest.approx(0.004, rel=0.03)
 
 
-def test_frames_come_later_than_the_rate_says_by_their_jitter():
+def test_frames_come_later_than_at_the_nominal_rate_by_their_jitter():
     """4 to 30 frames a second, irregular, of a recording of 1000."""
     walk = standing(60.0, rate_hz=1000.0)
     waits = np.diff(captures_and_arrivals(walk, timing={"frame_jitter_s": 0.25 - 1 / 30})[0])
