@@ -16,9 +16,9 @@ from benchmarks.camera.stream import PictureServer
 from benchmarks.camera.walks import across, angle_deg
 from gazempc.errors import GazempcError
 from gazempc.live.clock import RealClock
+from gazempc.live.session import main
 from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture, open_pictures
 from gazempc.live.sources.camera.source import CameraSource
-from gazempc.live.session import main
 from gazempc.live.sources.source import SourceError
 from gazempc.results.log_files import load_log
 
