@@ -18,7 +18,6 @@ from types import FrameType
 
 # Another thread must not hold the interpreter for longer than a tick can wait.
 _SWITCH_S = 0.0005
-_TIMES_TO_END = 2
 # Real-time priorities: of the servo, and of those whom it may have to wait for.
 _SERVO, _OTHER_THREADS = 20, 10
 # Where processors are short, commands come first.
@@ -38,8 +37,8 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
         nonlocal times
         times += 1
         stop.set()
-        if times == _TIMES_TO_END:
-            # A driver that hangs: what is left is to end at once.
+        if times == 2:
+            # The third one is for a driver that hangs.
             for each in before:
                 signal.signal(each, signal.SIG_DFL)
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.live.process import second_to_the_run
-from gazempc.live.view.orders import LOOPBACK, ViewOrders
+from gazempc.live.view.orders import ViewOrders, is_loopback
 from gazempc.parts import said
 from gazempc.results.log_files import NEEDS_VIEW
 from gazempc.results.moments import Moment
@@ -73,7 +73,7 @@ def _takers(orders: ViewOrders, lines: list[str]) -> list[_Taker]:
         page = WebPage(orders.run, orders.host, orders.port)
         takers.append(page)
         lines.append(f"view: open {page.url} in a browser")
-    if orders.view is not None and orders.host not in LOOPBACK:
+    if orders.view is not None and not is_loopback(orders.host):
         lines.append(f"view: WARNING this run is visible in the whole network (--view-at {orders.host})")
     return takers
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import SettingsError
-from gazempc.live.view.orders import LOOPBACK, named
+from gazempc.live.view.orders import LOOPBACK, is_loopback, named
 from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.log import RunInfo
@@ -206,7 +206,8 @@ class WebPage:
 
     Attributes:
         url: Where the page is.
-        host: Address at which it is served.
+        host: Address at which it is served, as it was given.
+        on_loopback: Whether only this computer reaches that address.
         state: The newest state, JSON; empty before the first one.
         over: Whether the run has ended.
 
@@ -222,7 +223,9 @@ class WebPage:
         except OSError as error:
             why = error.strerror or error
             raise SettingsError(f"--view-at {host}:{port}: {why}; another port: --view-at {host}:PORT") from None
-        self.url = f"http://{named(host)}:{self._server.server_address[1]}/"
+        bound, port = self._server.server_address[:2]
+        self.on_loopback = is_loopback(str(bound))
+        self.url = f"http://{named(host)}:{port}/"
         threading.Thread(target=self._server.serve_forever, args=(0.1,), name="page", daemon=True).start()
 
     def take(self, moment: Moment) -> None:
@@ -275,9 +278,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _asked_rightly(self) -> bool:
         # DNS rebinding: a foreign page may resolve its own name to this computer, and then read what is served here.
-        bound = self._page.host
-        host = self.headers.get("Host", "").rpartition(":")[0].strip("[]")
-        return bound not in LOOPBACK or host in LOOPBACK
+        host = self.headers.get("Host", "").partition(":")[0]
+        return not self._page.on_loopback or host in {*LOOPBACK, self._page.host}
 
     def _answer(self, content: bytes, kind: str) -> None:
         self.send_response(HTTPStatus.OK)

@@ -16,6 +16,7 @@ from benchmarks.camera.stream import PictureServer
 from benchmarks.camera.walks import across, angle_deg
 from gazempc.errors import GazempcError
 from gazempc.live.clock import RealClock
+from gazempc.live.session import main
 from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture, open_pictures
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.source import SourceError
@@ -146,6 +147,17 @@ def test_people_side_by_side_in_one_photograph_stay_as_many_and_a_camera_takes_o
     assert {each.person_id for each in seen} == {str(k + 1) for k in range(people)}
     last = [each for each in seen if each.capture_time_s == seen[-1].capture_time_s]
     assert len(last) == people
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("own_camera")
+def test_attend_chooses_among_the_faces_of_a_camera(tmp_path):
+    words = ["--source", "camera:portrait_camera:Row", "--options.people", "2", "--camera.fov-deg", "60"]
+    words += ["--predictor", "constant_velocity", "--controller", "lookahead", "--no-figures", "--out", str(tmp_path)]
+    assert main([*words, "--attend", "id:1"]) == 0
+    log = load_log(tmp_path / "log_000.npz")
+    assert set(log.person_id) == {"1"}  # by default the other one, whose face is nearer
+    assert {"person_entered", "attention_switched"} <= set(log.event_name)
 
 
 @pytest.mark.slow

@@ -93,12 +93,25 @@ def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeyp
         camera.close()
 
 
-def test_a_stream_that_freezes_is_an_event_and_its_picture_is_not_used(monkeypatch) -> None:
-    class Frozen(Falling):
-        def retrieve(self) -> tuple[bool, np.ndarray]:
-            return True, PICTURE
+class Frozen(Falling):
+    """One and the same picture from the tenth on."""
 
-    monkeypatch.setattr(cv2, "VideoCapture", Frozen())
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, PICTURE + min(self._count, 10) % 7
+
+
+class Silent(Falling):
+    """No picture for some seconds after the tenth, then again."""
+
+    def grab(self) -> bool:
+        time.sleep(3.0 if self._count == 10 else 0.0)
+        return super().grab()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("stream", "why"), [(Frozen, "one picture for 1 s"), (Silent, "no picture for 2 s")])
+def test_a_stream_that_freezes_or_falls_silent_is_one_event_and_no_picture(monkeypatch, stream, why) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", stream())
     camera = Camera("http://camera/stream", CameraOptions())
     try:
         until_s = time.monotonic() + 60.0
@@ -106,5 +119,8 @@ def test_a_stream_that_freezes_is_an_event_and_its_picture_is_not_used(monkeypat
             assert time.monotonic() < until_s
         assert isinstance(found, Notice)
         assert found.event is Event.STREAM_FROZEN
+        assert why in found.text
+        if stream is Silent:
+            assert isinstance(camera.read(), Picture)
     finally:
         camera.close()

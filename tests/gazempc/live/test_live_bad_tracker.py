@@ -8,8 +8,12 @@ from builders.checks import assert_recovered, assert_same_commands, assert_sound
 from builders.faults import between
 from builders.live import TS, run_live
 
+from gazempc.loop.attended import AttendedPeople
+from gazempc.people.attention import Attention
+from gazempc.people.policies import Nearest
+from gazempc.settings import AttentionSettings, LoopSettings
 from gazempc.types import Sighting
-from predictors import Walker
+from predictors import ConstantVelocity, Walker
 
 ORIENTATIONS = ("head_quat_wxyz", "pelvis_quat_wxyz")
 
@@ -99,3 +103,35 @@ def test_a_tracker_that_is_frozen_in_mid_walk_is_not_believed():
     still = result.joined("command_velocity_rad_s")[(now > last_s + 1.7) & (now < until_s)]
     assert np.abs(still).max() < 1e-9
     assert_recovered(result, until_s + 1.5, within_deg=1.0)
+
+
+def test_among_several_people_who_enters_leaves_and_is_renamed_is_an_event():
+    """Beside the walker: a second person from 1.0 to 2.5 s, and again from 4.0 s."""
+
+    def change(now_s, sighting):
+        seen = sighting.observation
+        there = [(seen.head_position_base_m, "a" if now_s < 3.0 else "c")]
+        if 2.0 <= now_s < 2.2:
+            there.append((there[0][0] + [0.1, 0.0, 0.0], "body"))
+        if 1.0 <= now_s < 2.5 or now_s >= 4.0:
+            there.append((np.array([4.0, 2.5, 0.3]), "b"))
+        observed = [dataclasses.replace(seen, head_position_base_m=at_m, person_id=name) for at_m, name in there]
+        return [Sighting(sighting.arrival_s, each) for each in observed]
+
+    result = run_live(
+        change=change,
+        several=AttendedPeople(ConstantVelocity, Attention(Nearest(), AttentionSettings()), LoopSettings()),
+    )
+    assert_sound(result)
+    began_s = {name: result.event_s(name).tolist() for name in result.events}
+    delay_s = 0.2
+    assert began_s["person_entered"][1:] == pytest.approx([1.0], abs=delay_s)
+    assert began_s["seen_twice"] == pytest.approx([2.0], abs=delay_s)
+    assert began_s["person_renamed"] == pytest.approx([3.0], abs=delay_s)
+    assert began_s["person_returned"] == pytest.approx([4.0], abs=delay_s)
+    assert len(began_s["attention_switched"]) == 1
+    # Observations that are not the walker's, or come before a track is confirmed.
+    assert result.refused["another_person"] == pytest.approx(30 * (1.5 + 2.0), abs=8)
+    assert result.refused["seen_twice"] == pytest.approx(6, abs=1)
+    assert set(result.refused) == {"another_person", "seen_twice"}
+    assert set(result.joined("person_id")) == {"a", "c"}

@@ -101,7 +101,7 @@ def check_output(out, said):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", ["end of the source", "SIGTERM, then SIGINT"])
+@pytest.mark.parametrize("how", ["end of the source", "SIGHUP, then SIGTERM"])
 def test_a_run_from_standard_input(how, tmp_path):
     """Fed for a while in real time, then ended: the neck at rest, everything written, exit status 0."""
     # Metrics are of logs longer than a second.

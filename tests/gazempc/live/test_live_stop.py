@@ -1,5 +1,8 @@
 """The end: the neck is braked within its limits and everything is closed, whatever ends the run."""
 
+import signal
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -84,3 +87,21 @@ def test_an_interrupt_in_mid_motion_brakes_first():
     gap = int(np.searchsorted(times_s, interrupted_s[0]))
     assert 5 < gap < len(received) - 5
     assert_within_limits(received, ends=True, breaks=[gap], rests=False)
+
+
+SIGNALLED = """
+import signal, threading
+from gazempc.live.process import stopped_by_signals
+
+stop = threading.Event()
+with stopped_by_signals(stop):
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+        print(stop.is_set(), flush=True)
+        signal.raise_signal(number)
+    print("alive", flush=True)
+"""
+
+
+def test_the_first_signal_asks_for_the_end_and_the_third_one_ends_the_process():
+    done = subprocess.run([sys.executable, "-c", SIGNALLED], capture_output=True, text=True, check=False, timeout=240)
+    assert (done.stdout.split(), done.returncode) == (["False", "True", "True"], -signal.SIGTERM), done.stderr

@@ -54,9 +54,9 @@ def started(log):
     """Starts the process that serves the page at a port; what is still running is ended."""
     running = []
 
-    def start(port):
-        feed = Feed(ViewOrders(log.run, view="web", port=port))
-        assert feed.notes == (f"view: open http://127.0.0.1:{port}/ in a browser",)
+    def start(port, host="127.0.0.1"):
+        feed = Feed(ViewOrders(log.run, view="web", host=host, port=port))
+        assert feed.notes == (f"view: open http://{host}:{port}/ in a browser",)
         running.append(feed)
         return feed
 
@@ -152,15 +152,18 @@ def asked(port, path, host):
     return found
 
 
-def test_only_this_computer_and_only_its_own_files_are_asked(started):
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.1"])
+def test_only_this_computer_and_only_its_own_files_are_asked(started, host):
     port = free_port()
-    started(port)
+    started(port, host)
     status, policy, page = asked(port, "/", f"localhost:{port}")
     assert status == 200
+    # At port 80 a browser leaves the port out.
+    assert asked(port, "/", host)[0] == 200
     assert "default-src 'self'" in policy
     assert b"http://" not in page
     assert b"https://" not in page
-    # A page of somebody else that calls this computer by a name of its own.
+    # DNS rebinding: a foreign page that resolves its own name to this computer.
     assert asked(port, "/", "evil.example:80")[0] == 403
     assert asked(port, "/../web.py", f"127.0.0.1:{port}")[0] == 404
 
