@@ -1,4 +1,4 @@
-"""The gate: what it refuses, and when the track is somebody else's. The filter is that of constant velocity."""
+"""The gate: refused observations, and the change to another person's track. The filter is that of constant velocity."""
 
 from collections.abc import Callable
 
@@ -21,7 +21,7 @@ def person(time_s: float) -> FloatArray:
 def show(
     cv: ConstantVelocity, at: Callable[[float], FloatArray], since_s: float, until_s: float, rate_hz: float = 30.0
 ) -> list[HeadObservation]:
-    """Show somebody with 5 mm of noise; gives the observations."""
+    """Show a person with 5 mm of noise; returns the observations."""
     rng = np.random.default_rng(7)
     shown = []
     for k in range(round(since_s * rate_hz), round(until_s * rate_hz)):

@@ -25,7 +25,7 @@ EYE3 = np.eye(3)
 
 
 def curve(frames=60, seed=0):
-    """Somebody comes round a gentle curve; each frame's error is drawn from the covariance that it states."""
+    """A person comes round a gentle curve; each frame's error is drawn from the covariance that it states."""
     rng = np.random.default_rng(seed)
     time_s, heading = 0.0, 0.0
     place = np.array([2.5, -1.2, 0.4])

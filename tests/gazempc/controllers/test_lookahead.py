@@ -13,7 +13,7 @@ from gazempc.neck.spec import load_neck
 
 
 def turning(times, rate_rad_s=0.4):
-    """Somebody who goes round the neck: the pan that looks at them grows steadily."""
+    """A person who walks round the neck: the pan that looks at them grows steadily."""
     pan = rate_rad_s * np.asarray(times) - 0.5
     return np.stack([2.5 * np.cos(pan), 2.5 * np.sin(pan), np.zeros_like(pan)], axis=-1)
 
@@ -58,7 +58,7 @@ def test_the_low_pass_follows_a_small_jump_by_its_time_constant():
 
 @pytest.mark.parametrize("name", ["slow", "reachy_mini"])
 def test_acquisition_is_not_smoothed(name):
-    """The command is the same one until it is within 5 deg of them, and nobody is passed by more than without."""
+    """The command is that without a low-pass down to 5 deg of error, and its overshoot is no larger."""
     neck, angle_rad = load_neck(name), np.radians(40.0)
     ticks = round(2.5 * neck.servo_rate_hz)
     plain, meant, _ = run(LookAhead(neck, 0.0), neck, jumped(angle_rad), ticks)

@@ -72,7 +72,7 @@ def test_fractional_and_different_dead_times(dead_times):
 
 
 def test_step_is_as_fast_as_the_limits_allow():
-    """The arrival is that of the linear program, dead time included, and somebody who stands is not passed."""
+    """The arrival is that of the linear program, dead time included, without overshoot before a person at rest."""
 
     def still(times):
         return np.tile([2.5 * np.cos(0.98), 2.5 * np.sin(0.98), 0.0], (np.asarray(times).size, 1))

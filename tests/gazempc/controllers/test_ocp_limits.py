@@ -142,7 +142,7 @@ def test_a_joint_with_bounds_does_not_pass_the_person(below):
 
 
 def test_limits_come_before_not_passing():
-    """Too fast to stop before somebody near: the person is passed, no limit is left."""
+    """Too fast to stop before a near person: overshoot, and all limits are kept."""
     state, reference = np.array([0.0, 2.4, 0.2, 2.4, 0.0]), np.full(LONG.model.lengths.size, 0.1)
     ours = BOUNDED.solve(state, reference, not_past(reference, below=True))
     assert joint(BOUNDED, state, ours.scaled_jerk).max() > 0.15

@@ -88,7 +88,7 @@ def earliest_s(way_deg):
 
 
 def test_reactive_eyes_cancel_the_measured_head():
-    """Somebody who stands is looked at long before the head has come round."""
+    """The gaze reaches a person at rest long before the head has come round."""
     joints, _, error_deg = run(
         Reactive(EYES), EYES, lambda t: standing(t) * [1.0, 0.3, 1.0], 200, start_rad=np.zeros(4)
     )

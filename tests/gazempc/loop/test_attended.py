@@ -26,7 +26,7 @@ class Bench:
         self.time_s = 0.0
 
     def show(self, seconds, *people):
-        """Show whoever a function gives a position for, with an orientation and a name where it says so."""
+        """Show each person for whom a function gives a position, with orientation and name where it gives them."""
         for _ in range(round(seconds / FRAME_S)):
             self.time_s += FRAME_S
             seen = [person(self.time_s) for person in people]
@@ -66,7 +66,7 @@ def test_a_frozen_person_is_not_used_and_is_left_while_the_others_go_on():
     bench = Bench().show(3.4, walker(name="a", frozen_s=(1.5, 3.0)), stands(3.0, name="b"))
     assert bench.attended[0] == (1, "policy")
     assert "tracker_frozen" in bench.events
-    # Noticed after 0.5 s; a second later nobody of that number is there, and the other one is looked at.
+    # Detected after 0.5 s; a second later the track has ended, and the other person is attended.
     assert bench.recorder.refusals["tracker_frozen"] == pytest.approx(30, abs=2)
     assert bench.attended[1] == (2, "left")
     # As soon as the tracker goes on the first one is back under the same number.

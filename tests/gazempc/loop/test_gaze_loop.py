@@ -95,7 +95,7 @@ def test_compute_delay_is_planned_for(controller, delay_s):
 @settings(max_examples=3, deadline=None)
 @given(nearest_m=st.floats(0.4, 2.0), speed_rad_s=st.floats(0.1, 1.0), rate=st.floats(1.0, 4.0))
 def test_while_a_head_is_near_no_joint_is_commanded_faster(nearest_m, speed_rad_s, rate):
-    """Somebody sways fast at 2.5 m, comes near and goes; within the distance only braking is faster than the limit."""
+    """A person sways fast at 2.5 m, comes near and goes; within the distance only braking is faster than the limit."""
 
     def head_m(time_s):
         away_m = 2.5 - (2.5 - nearest_m) * np.clip(min(time_s - 2.0, 6.0 - time_s), 0.0, 1.0)

@@ -43,7 +43,7 @@ def test_the_gaze_is_on_the_attended_person():
 
 
 def test_one_person_among_several_is_looked_at_as_if_they_were_alone():
-    """The same recording, sensor and noise; only the first frames differ, until it is known to be somebody."""
+    """The same recording, sensor and noise; only the first frames differ, before the track is confirmed."""
     scene = make_scene("subject03_R4", SceneSettings())
     alone = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings()).log
     one = replayed("nearest", recording="subject03_R4")

@@ -59,6 +59,6 @@ def test_the_view_of_a_camera_on_the_head_limits_what_is_seen():
     neck = gz.load_neck("reference").model_copy(update={"head_view_deg": (60.0, 45.0)})
     ahead = replayed("subject03_R4", neck=neck)
     assert ahead.run.sensor["view"] == {"on": "head", "horizontal_deg": 60.0, "vertical_deg": 45.0}
-    # Who is 50 degrees beside the gaze is out of it, and a neck that sees nobody stays where it is.
+    # A person 50 degrees beside the gaze is out of view, and the neck without a person stays where it is.
     aside = replayed("subject03_R4", neck=neck, scene={"start_offset_deg": 50.0})
     assert aside.capture_time_s[0] > 2.0  # the person has walked into view

@@ -20,7 +20,7 @@ STATED_M2 = np.diag([0.012, 0.01, 0.008]) ** 2
 
 
 def walking_at(speed_m_s, frames=45, noise_m=0.0, seed=0):
-    """Somebody who goes straight on, and says how sure the position is."""
+    """A person who walks straight on, with a stated covariance of the position."""
     rng = np.random.default_rng(seed)
     for k in range(frames):
         position = np.array([speed_m_s * k / 30, 1.0, 0.4]) + noise_m * rng.standard_normal(3)
@@ -86,7 +86,7 @@ def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
 @pytest.mark.parametrize("heading_rad", [1.1, 3.0])
 @pytest.mark.parametrize("v", [4.0, np.inf])
 def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
-    """A share of it is added to the scale in the line's frame, whichever way somebody walks; beyond 1.5 s both grow."""
+    """A share of it is added to the scale in the line's frame, in any direction of walk; beyond 1.5 s both grow."""
     noise_m2 = random_covariance(np.random.default_rng(1), [0.3, 0.02, 0.01])
     model = straight_model(0.1, v, 0.8)
     model.log_spread[0] += np.log([0.5, 1.0, 2.0])

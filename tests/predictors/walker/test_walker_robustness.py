@@ -63,7 +63,7 @@ def test_any_covariance_in_any_direction(sizes, stated, turns, seed):
 @pytest.mark.parametrize("covariance", [None, np.diag([1e4, 1e-6, 1e-6])])
 @pytest.mark.parametrize("rate_hz", [2.5, 30.0])
 def test_who_stands_exactly_still_stays_there(covariance, rate_hz):
-    """Somebody who does not even sway, or a tracker that repeats itself."""
+    """A person without sway, or a tracker that repeats one position."""
     walker, at = Walker(random_model()), np.array([2.0, -1.0, 0.3])
     for k in range(100):
         walker.update(HeadObservation(k / rate_hz, at, yaw_quat(0.4), yaw_quat(0.4), position_covariance_m2=covariance))

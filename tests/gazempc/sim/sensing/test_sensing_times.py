@@ -87,7 +87,7 @@ def test_bursts_of_loss_have_their_durations_and_intervals():
     ],
 )
 def test_a_view_of_75_by_65_degrees(head_m, visible):
-    """Somebody in view for the first second, then here."""
+    """A person in view for the first second, then here."""
     walk = standing(2.0)
     walk.truth.head_position_m[30:] = head_m
     found = seen(walk, view={"horizontal_deg": 75.0, "vertical_deg": 65.0})
