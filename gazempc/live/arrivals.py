@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -46,6 +46,9 @@ class Arrivals:
     Args:
         setup: The parts of the run.
         report: Where to count.
+
+    Attributes:
+        heads_seen: Gets each reported head with its time, seconds, also an implausible one; None for no listener.
     """
 
     def __init__(self, setup: LiveSetup, report: LiveReport) -> None:
@@ -65,6 +68,7 @@ class Arrivals:
         latency_s = (Stamps() if setup.stamps is None else setup.stamps.stamps).latency_s
         self._offset = ClockOffset(latency_s, setup.hints)
         self._warned_s: dict[Event, float] = {}
+        self.heads_seen: Callable[[Iterable[Sighting], float], None] | None = None
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
         """Keep where the joints were: a sensor that moves is turned by them.
@@ -128,6 +132,8 @@ class Arrivals:
             except Exception as error:  # whatever a source takes for an observation
                 self._problem(now_s, recorder, str(error))
                 continue
+            if self.heads_seen is not None:
+                self.heads_seen((in_base,), now_s)
             seen = in_base.observation
             if why := self._refusal(seen):
                 recorder.refused(Event.IMPLAUSIBLE_PERSON)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from gazempc.live.arrivals import Arrivals
@@ -32,7 +32,6 @@ class ArrivingTarget(AroundTarget):
     Attributes:
         finished: Whether the source has ended.
         stopped: Set to ask no more.
-        heads_seen: Gets all sightings with their time, seconds; None for no listener.
     """
 
     def __init__(self, target: Target, arrivals: Arrivals) -> None:
@@ -40,7 +39,6 @@ class ArrivingTarget(AroundTarget):
         self._arrivals = arrivals
         self._joints: deque[tuple[float, JointEstimate]] = deque(maxlen=_JOINTS_KEPT)
         self.finished = self.stopped = False
-        self.heads_seen: Callable[[Iterable[Sighting], float], None] | None = None
 
     def note_joints(self, time_s: float, joints: JointEstimate) -> None:
         """Keep where the joints were, see `Arrivals.note_joints`; may be called by another thread."""
@@ -52,14 +50,8 @@ class ArrivingTarget(AroundTarget):
             return
         while self._joints:
             self._arrivals.note_joints(*self._joints.popleft())
-        self._target.take_in(self._watched(time_s, recorder), time_s, recorder)
+        self._target.take_in(self._arrivals.take(time_s, recorder), time_s, recorder)
         self.finished = self._arrivals.finished(time_s, recorder)
-
-    def _watched(self, time_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
-        for sighting in self._arrivals.take(time_s, recorder):
-            if self.heads_seen is not None:
-                self.heads_seen((sighting,), time_s)
-            yield sighting
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """See `gazempc.loop.track.Target.forecast`."""

@@ -115,7 +115,8 @@ def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threadi
         if clock.now_s() >= until_s:
             raise RobotError(
                 f"the joints cannot be read ({problem}), and a first command elsewhere would be a step: check the "
-                "robot, or set reports_joints = false in the neck file if it has no encoders and stands at rest"
+                "robot; live runs accept one without encoders that stands at rest (reports_joints = false in the neck "
+                "file), identification does not"
             )
         clock.sleep_until_s(clock.now_s() + neck.servo_period_s)
     return None

@@ -143,7 +143,7 @@ class LiveRun:
             self._robot = ReadAside(setup.robot)
         target, recorder = self._target, self.logs.recorder
         loop = GazeLoop(setup.neck, target, self._planner, smoother, self._robot, recorder, setup.loop)
-        target.heads_seen = loop.note_heads
+        self._arrivals.heads_seen = loop.note_heads
         warm_up(target.predictor, self._planner.controller, setup.neck)
         _open("source: open()", setup.source.open, SourceError)
         for more in setup.more_sources:

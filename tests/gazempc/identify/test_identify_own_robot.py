@@ -77,7 +77,7 @@ def test_its_dead_time_is_found(tmp_path):
     [
         ("Real", ["--neck: a real robot (robot_to_identify:Real) needs its own neck file"]),
         ("NoConnection", ["connect() raised KeyError: 'port'"]),
-        ("Silent", ["there is no reading"]),
+        ("Silent", ["there is no reading", "identification does not"]),
         ("WrongShape", ["position_rad array([0., 0., 0.]), needed is an array of shape (2,)"]),
         ("ReadsLater", ["could not be read for 0.5 s (read_state() raised TypeError: a bug in reading)"]),
         ("SendsLater", ["a command did not get through", "of shape (1,)"]),

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from builders.checks import assert_recovered, assert_same_commands, assert_sound
 from builders.faults import between
-from builders.live import TS, run_live
+from builders.live import NECK, TS, run_live
 
 from gazempc.loop.attended import AttendedPeople
+from gazempc.loop.looking_away import LookingAway
 from gazempc.people.attention import Attention
 from gazempc.people.policies import Nearest
+from gazempc.people.schedule import LookAways
 from gazempc.settings import AttentionSettings, LoopSettings
 from gazempc.types import Sighting
 from predictors import ConstantVelocity, Walker
@@ -118,10 +120,8 @@ def test_among_several_people_who_enters_leaves_and_is_renamed_is_an_event():
         observed = [dataclasses.replace(seen, head_position_base_m=at_m, person_id=name) for at_m, name in there]
         return [Sighting(sighting.arrival_s, each) for each in observed]
 
-    result = run_live(
-        change=change,
-        several=AttendedPeople(ConstantVelocity, Attention(Nearest(), AttentionSettings()), LoopSettings()),
-    )
+    attended = AttendedPeople(ConstantVelocity, Attention(Nearest(), AttentionSettings()), LoopSettings())
+    result = run_live(change=change, several=LookingAway(attended, LookAways(NECK, "told", 0)))
     assert_sound(result)
     began_s = {name: result.event_s(name).tolist() for name in result.events}
     delay_s = 0.2

@@ -12,6 +12,7 @@ from builders.live import run_live
 from gazempc.live.plausibility import Plausibility
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
+from gazempc.settings import LoopSettings
 
 FRAME_S = 1 / 30
 
@@ -87,3 +88,22 @@ def test_heads_that_cannot_be_are_counted_by_name_and_the_neck_stays_on_the_pers
     assert any("at most 30 m" in text for text in result.report.warnings)
     assert np.linalg.norm(result.joined("head_observed_base_m"), axis=1).max() < 20.0
     assert_recovered(result, 2.5 + 1.2)
+
+
+def test_a_refused_head_limits_the_speed_while_it_is_near():
+    near_s, speed_rad_s = between(1.5, 2.5), 0.1
+
+    def passing(now_s, sighting):
+        close = dataclasses.replace(sighting.observation, head_position_base_m=np.array([0.15, 0.0, 0.0]))
+        return [sighting, dataclasses.replace(sighting, observation=close)] if near_s(now_s) else [sighting]
+
+    result = run_live(change=passing, loop=LoopSettings(near_speed_max=(0.8, speed_rad_s)))
+    assert_sound(result)
+    assert result.refused["implausible_person"] >= 29
+    now_s = result.joined("time_s")
+    fastest_rad_s = np.abs(result.joined("command_velocity_rad_s")).max(axis=1)
+    # Braking takes 0.3 s; the limit holds for `lost_after_s` after the last sighting.
+    slow = (now_s > 1.9) & (now_s < 3.4)
+    assert fastest_rad_s[slow].max() <= speed_rad_s * (1 + 1e-6)
+    assert fastest_rad_s[now_s < 1.5].max() > 2.0 * speed_rad_s
+    assert fastest_rad_s[now_s > 3.6].max() > 2.0 * speed_rad_s
