@@ -5,7 +5,7 @@ import json
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-FRAMES, RATE_HZ = 90, 30.0
+FRAMES, RATE_HZ = 45, 30.0
 # Rows that make a file's axes of x forward, y left, z up.
 FILE_FROM_OURS = {
     "z-up": np.eye(3),
