@@ -7,7 +7,6 @@ from collections import deque
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
@@ -70,40 +69,25 @@ def source_files():
 FILES = source_files()
 
 
-class Source(NamedTuple):
-    """What a module's source says."""
-
-    imports: frozenset[str]  # of ours
-    relative: bool  # whether an import is
-    classes: tuple[str, ...]
-
-
 @cache
-def sources():
-    """Each module's source; read in the tests, because every test process imports this file."""
-    return {name: said_by(ast.parse(path.read_text(encoding="utf-8"))) for name, path in FILES.items()}
+def imports_of_all():
+    """The modules of ours that each one imports; read in the tests, because every test process imports this file."""
+    return {name: imports_in(ast.parse(path.read_text(encoding="utf-8"))) for name, path in FILES.items()}
 
 
-def said_by(tree):
+def imports_in(tree):
     """`from a import b` is `a.b` where that is a module; imports count wherever they stand in the module."""
-    imports, relative, nodes = set(), False, deque([tree])
+    imports, nodes = set(), deque([tree])
     while nodes:
         node = nodes.popleft()
         if isinstance(node, ast.Import):
             imports.update(alias.name for alias in node.names if alias.name in FILES)
         elif isinstance(node, ast.ImportFrom):
-            relative |= node.level > 0
             inner = [f"{node.module}.{alias.name}" for alias in node.names]
             imports.update(name if name in FILES else node.module for name in inner if node.module in FILES)
         else:  # a statement; there are no imports in expressions
             nodes.extend(inner for inner in ast.iter_child_nodes(node) if not isinstance(inner, ast.expr))
-    classes = tuple(node.name for node in tree.body if isinstance(node, ast.ClassDef))
-    return Source(frozenset(imports), relative, classes)
-
-
-def imports_of_all():
-    """What of ours each module imports."""
-    return {name: source.imports for name, source in sources().items()}
+    return imports
 
 
 def circle_in(imports):
@@ -131,10 +115,6 @@ def part_of(name, package):
     """The folder or file of a package that a module is in; the package itself is its front door."""
     top, _, rest = name.partition(".")
     return (rest.split(".")[0] or "__init__") if top == package else None
-
-
-def test_no_import_is_relative():
-    assert [name for name, source in sources().items() if source.relative] == []
 
 
 def test_no_module_imports_itself_by_a_circle():

@@ -5,7 +5,7 @@ import json
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-FRAMES, RATE_HZ = 90, 30.0
+FRAMES, RATE_HZ = 45, 30.0
 # Rows that make a file's axes of x forward, y left, z up.
 FILE_FROM_OURS = {
     "z-up": np.eye(3),
@@ -184,10 +184,11 @@ def mediapipe(path, names="{name}_{axis}", in_image=False):
 def mediapipe_long(path):
     """The same with a row for each landmark in each frame."""
     lines = [["timestamp_s", "landmark", "x_m", "y_m", "z_m", "visibility"]]
+    points = {
+        name: in_axes("optical", Walk.point_m(part, at) - Walk.pelvis_m) for name, (_, part, at) in LANDMARKS.items()
+    }
     for k, t in enumerate(Walk.times_s):
-        for name, (_, part, offset) in LANDMARKS.items():
-            point = in_axes("optical", Walk.point_m(part, offset) - Walk.pelvis_m)[k]
-            lines.append([f"{t:.6f}", name, *numbers(point), "0.9"])
+        lines += [[f"{t:.6f}", name, *numbers(point_m[k]), "0.9"] for name, point_m in points.items()]
     return _write(path, lines)
 
 
@@ -205,13 +206,15 @@ def openpose(folder, lost=(), unit_m=0.001):
     folder.mkdir()
     indices = {"NOSE": 0, "RIGHT_EAR": 17, "LEFT_EAR": 18, "LEFT_HIP": 12, "RIGHT_HIP": 9}
     camera_m = np.array([-2.0, 0.0, 1.2])
+    seen = {8: in_axes("optical", Walk.pelvis_m - camera_m)}
+    for name, index in indices.items():
+        _, part, offset = LANDMARKS[name]
+        seen[index] = in_axes("optical", Walk.point_m(part, offset) - camera_m)
     for k in range(FRAMES):
         points = np.zeros((25, 4))
         if k not in lost:
-            for name, index in indices.items():
-                _, part, offset = LANDMARKS[name]
-                points[index] = [*in_axes("optical", Walk.point_m(part, offset) - camera_m)[k] / unit_m, 1.0]
-            points[8] = [*in_axes("optical", Walk.pelvis_m - camera_m)[k] / unit_m, 1.0]
+            for index, point_m in seen.items():
+                points[index] = [*point_m[k] / unit_m, 1.0]
         person = {"person_id": [-1], "pose_keypoints_2d": [], "pose_keypoints_3d": points.ravel().tolist()}
         file = folder / f"walk_{k:012d}_keypoints.json"
         file.write_text(json.dumps({"version": 1.3, "people": [person]}))

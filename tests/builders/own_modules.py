@@ -129,12 +129,6 @@ class Walker:
 class Lacking(Walker):
     poll = None
 
-class Endless:
-    keeps_any_clock = True
-    def open(self): ...
-    def poll(self): ...
-    def close(self): ...
-
 class Failing(Walker):
     polls = 0
     def poll(self):

@@ -1,14 +1,11 @@
 """People who are seen walking, and models of `Walker` that need no fit."""
 
-import zlib
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.recordings.load import load
-from gazempc.recordings.recording import turned
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS
@@ -105,12 +102,3 @@ def random_covariance(rng, sds_m):
     turn = Rotation.from_quat(rng.standard_normal(4)).as_matrix()
     covariance = turn @ np.diag(np.square(sds_m)) @ turn.T
     return 0.5 * (covariance + covariance.T)
-
-
-def turn_head(recording, angle_deg, from_s):
-    """The recording with the head turned to a side, by its name, by an angle from a time after the first frame on."""
-    side = 1.0 if zlib.crc32(recording.name.encode()) % 2 else -1.0
-    after_s = recording.times_s - recording.times_s[0] - from_s
-    angle = side * np.radians(angle_deg) * np.clip(after_s / 0.25 if from_s else after_s + 1.0, 0.0, 1.0)
-    head = turned(recording.truth.head_quat_wxyz, angle)
-    return replace(recording, truth=replace(recording.truth, head_quat_wxyz=head))

@@ -50,6 +50,7 @@ def test_closed_standard_input_is_a_source_that_has_ended(tmp_path):
     assert "end of the source" in out
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 def test_output_to_a_full_disk_is_a_message():
     status, _, error = ended(start(["gazempc.run", "--list"], ">/dev/full"))
@@ -74,8 +75,11 @@ def test_a_signal_ends_a_run_with_its_results_so_far(tmp_path):
         assert load_log(tmp_path / f"{controller}.npz").run.controller == controller
 
 
-@pytest.mark.parametrize("module", ["gazempc.run", "experiments.console"])
-def test_a_signal_during_the_imports_of_run_is_one_line(module):
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [("gazempc.run", "gazempc run"), ("experiments.console", "gazempc run"), ("experiments.compare", "compare")],
+)
+def test_a_signal_during_the_imports_is_one_line(module, name):
     """The first heavy module that the command imports is the signal's moment."""
     code = (
         "import os, runpy, signal, sys\n"
@@ -85,11 +89,11 @@ def test_a_signal_during_the_imports_of_run_is_one_line(module):
         "            os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Finder())\n"
         "sys.argv = ['gazempc', 'run', '--list']\n"
-        f"runpy.run_module({module!r}, run_name='__main__')\n"
+        f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 130
-    assert done.stderr == "gazempc run: interrupted before it began\n"
+    assert done.stderr == f"{name}: interrupted before it began\n"
 
 
 # ruff: noqa: PTH208, PT012

@@ -22,7 +22,6 @@ def loaded_by(code):
 
 
 def test_importing_the_package_imports_nothing_heavy():
-    assert loaded_by("import gazempc") == set()
     assert loaded_by("import gazempc; dir(gazempc); gazempc.__all__") == set()
     # The test sees it where something is used.
     assert "numpy" in loaded_by("import gazempc; gazempc.JointState")

@@ -38,13 +38,18 @@ ROW_KEYS = {
 
 
 @pytest.fixture(scope="module")
-def main_job(tmp_path_factory):
-    """All outputs, for two seconds of a walk, under as many seeds on a busy machine as on another."""
-    out, walk = tmp_path_factory.mktemp("main_job"), tmp_path_factory.mktemp("walks") / "walk.csv"
-    times_s = np.arange(60) / 30.0
-    columns = [times_s, np.full(60, 2.0), 1.2 * times_s - 1.0, np.full(60, 0.3)]
-    np.savetxt(walk, np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
-    said = io.StringIO()
+def walk(tmp_path_factory):
+    """A walk of 1.3 s, about the shortest that is scored, across the robot's view."""
+    path, times_s = tmp_path_factory.mktemp("walks") / "walk.csv", np.arange(40) / 30.0
+    columns = [times_s, np.full(40, 2.0), 1.2 * times_s - 1.0, np.full(40, 0.3)]
+    np.savetxt(path, np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def main_job(walk, tmp_path_factory):
+    """All outputs, under as many seeds on a busy machine as on another."""
+    out, said = tmp_path_factory.mktemp("main_job"), io.StringIO()
     words = ["--replay", str(walk), "--placement", "recorded", "--noise-seeds", "2", "--out", str(out)]
     with redirect_stdout(said):
         assert main(words) == 0
@@ -204,9 +209,9 @@ def test_bad_input_is_one_message_and_status_2(words, expected, capfd):
     assert "Traceback" not in seen.err
 
 
-def test_a_limit_violation_is_status_1(tmp_path, monkeypatch, capsys):
+def test_a_limit_violation_is_status_1(walk, tmp_path, monkeypatch, capsys):
     """Never seen in a real run: made by measuring against limits that are too small."""
     monkeypatch.setattr("gazempc.results.metrics.limit_violations", lambda log, neck: 3)
-    words = ["--replay", "subject03_R4", "--controllers", "reactive", "--no-figures", "--out", str(tmp_path)]
-    assert main([*words, "--noise-seeds", "2"]) == 1
+    words = ["--replay", str(walk), "--placement", "recorded", "--controllers", "reactive", "--no-figures"]
+    assert main([*words, "--noise-seeds", "2", "--out", str(tmp_path)]) == 1
     assert "6 violations" in capsys.readouterr().err

@@ -25,6 +25,7 @@ def cluster():
         yield running
 
 
+@pytest.mark.slow
 def test_results_come_from_the_cluster_and_failures_are_rows(cluster, tmp_path):
     with Engine(tmp_path, jobs=1, dask=cluster.scheduler_address) as engine:
         rows = engine.run([*(Tiny(n) for n in range(4)), Tiny(2, "array"), Tiny(1, "fail"), Tiny(1, "bug")])

@@ -110,20 +110,3 @@ def test_a_command_that_hangs_after_a_signal_is_ended():
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=HANG_S) == 143
-
-
-@pytest.mark.parametrize("command", ["compare", "sweep"])
-def test_a_signal_during_the_imports_is_one_line_too(command):
-    """The first module that a command imports after the handlers is the signal's moment."""
-    code = (
-        "import os, runpy, signal, sys\n"
-        "class Finder:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name in ('tyro', 'pydantic'):\n"
-        "            os.kill(os.getpid(), signal.SIGINT)\n"
-        "sys.meta_path.insert(0, Finder())\n"
-        f"runpy.run_module('experiments.{command}', run_name='__main__', alter_sys=True)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 130
-    assert done.stderr == f"{command}: interrupted before it began\n"

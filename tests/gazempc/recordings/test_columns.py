@@ -146,7 +146,7 @@ TIMES = {
     "t=when:ms": 1e3 * T,
     "t=when:ns": 1e9 * (START_S + T),
     "t=when:min": T / 60.0,
-    "t=when:30hz": np.arange(90.0) * 2 + 7,
+    "t=when:30hz": np.arange(float(T.size)) * 2 + 7,
     "t=:30hz": 0 * T,
     "t=when:date": [f"2024-05-01T10:00:{s:09.6f}" for s in T],
     "t=when:date ": [f"2024-05-01 12:00:{s:09.6f}+02:00" for s in T],
@@ -201,11 +201,11 @@ def test_headers_in_comments_units_in_a_second_line_and_excels_separator_line(tm
 
 
 def test_several_people_by_an_id_column(tmp_path):
-    ids = ["anna", "bob", "anna"] * 30
+    ids = ["anna", "bob", "anna"] * 15
     path = write(tmp_path / "a.csv", ["s", "who", "x", "y", "z"], T, ids, Walk.head_m)
     recording = read(path, "t=s, head=[x,y,z], person=who")
-    assert recording.times_s.size == 60
-    assert "also in the file: bob (30)" in recording.notes[0]
+    assert recording.times_s.size == 30
+    assert "also in the file: bob (15)" in recording.notes[0]
     bob = read(path, "t=s, head=[x,y,z], person=who", person="bob")
     same_head(bob, Walk.head_m[1::3])
     assert bob.name == "a_bob"
@@ -250,11 +250,11 @@ def test_a_mapping_beside_the_file_is_found_and_one_for_the_folder(tmp_path):
 
 @pytest.mark.parametrize("given", [["--reading.columns", "t=s, head=p:mm"], ["--guess"]])
 def test_the_mapping_of_a_run_is_saved_and_found_again(tmp_path, capsys, given):
-    path = write(tmp_path / "a.csv", ["s", "px", "py", "pz"], T[:45], 1000 * Walk.head_m[:45])
+    path = write(tmp_path / "a.csv", ["s", "px", "py", "pz"], T, 1000 * Walk.head_m)
     words = ["--replay", str(path), "--controllers", "reactive", "--noise-seeds", "1", "--no-figures"]
     words += ["--out", str(tmp_path / "out")]
     assert main(words) == 2
     assert '--reading.columns "t=s:s, head=[px,py,pz]:mm"' in capsys.readouterr().err
     assert main([*words, *given]) == 0
     assert f"columns saved in {path}.columns.toml" in capsys.readouterr().out
-    same_head(load(path), Walk.head_m[:45])
+    same_head(load(path))

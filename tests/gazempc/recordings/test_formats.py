@@ -10,9 +10,9 @@ from gazempc.run import main
 
 def test_a_run_on_a_bag(tmp_path):
     """A person crosses 2.5 m in front of a camera, facing to its left, with a tracker's noise."""
-    t = np.arange(105) / 30
+    t = np.arange(70) / 30
     noise = np.random.default_rng(0).normal(0, 0.004, (t.size, 3))
-    places = np.column_stack([np.full_like(t, 2.5), 1.0 * t - 1.6, np.full_like(t, 0.3)]) + noise
+    places = np.column_stack([np.full_like(t, 2.5), 1.0 * t - 1.2, np.full_like(t, 0.3)]) + noise
     quat = (0.707107, 0, 0, 0.707107)
     folder = write_bag(tmp_path / "me_01", face_rows("face_a", 1e9 + t, places, "camera_link", quat))
     words = ["--replay", str(folder), "--controllers", "reactive", "lookahead", "--no-figures", "--noise-seeds", "1"]

@@ -38,7 +38,7 @@ def test_what_is_proposed_can_be_pasted_and_taken(tmp_path, name):
 
 
 def test_undetermined_parts_are_named(tmp_path):
-    path = write(tmp_path / "a.csv", ["frame", "id", "x", "y"], np.arange(90.0), 0 * T + 3, HEAD[:, :2])
+    path = write(tmp_path / "a.csv", ["frame", "id", "x", "y"], np.arange(float(T.size)), 0 * T + 3, HEAD[:, :2])
     with pytest.raises(RecordingError, match=r"30 frames a second is a guess; the file has no height: 1\.6 m stands"):
         load(path)
     same_head(load(path, ReadOptions(guess=True)), np.column_stack([HEAD[:, :2], 0 * T + 1.6]))

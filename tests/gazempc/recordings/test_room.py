@@ -17,7 +17,7 @@ def heads():
 
 def partition_points():
     ends = np.array(PAPER_ROOM.partitions)
-    share = np.linspace(0.0, 1.0, 200)[:, None, None]
+    share = np.linspace(0.0, 1.0, 100)[:, None, None]
     return ((1 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 2)
 
 
