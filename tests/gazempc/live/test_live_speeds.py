@@ -180,7 +180,7 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(tmp_path):
         for line in run.stdout:
             pans += [float(each) for each in re.findall(r"looks at pan ([+-][\d.]+)", line)]
             if pans and not ended and min(pans) < -8.0 and max(pans) > 8.0:
-                run.send_signal(signal.SIGTERM)  # once: a second one ends the process at once
+                run.send_signal(signal.SIGTERM)  # once: the third one ends the process
                 ended = True
     assert run.returncode == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
