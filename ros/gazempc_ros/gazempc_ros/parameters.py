@@ -21,7 +21,7 @@ _ARGUMENTS = {
     "controller": ("mpc", "What plans the commands: mpc, lookahead, reactive, module:Class"),
     "predictor": ("", "Forecast of the head; empty for the default, walker"),
 }
-# Messages are taken and made in Python beside the plans: of 10 ms, the default of a live run, one plan in ten is late.
+# Messages are taken and made in Python beside the plans: with 10 ms, as in a live run, 2 to 10 % are late.
 _DEFAULTS = LiveGazeSettings(loop=LoopSettings(compute_delay_s=0.02))
 _BOUNDS, _FAR = ("ge", "gt", "le", "lt"), 1e15
 _LEFT_OUT = ("options.dynamixel", "options.reachy_mini", "options.ros2.use_sim_time")
