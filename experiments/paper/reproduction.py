@@ -15,7 +15,8 @@ from experiments.engine.choices import find_recordings, in_place
 from experiments.engine.command import Command, WorkSettings, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.paper.analysis import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S, analyse, known_groups
+from experiments.paper.analysis import analyse
+from experiments.paper.filters import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S, known_groups
 from experiments.paper.findings import report, side_by_side
 from experiments.paper.frames import RULES, FrameJob, labelled
 from experiments.paper.validation import check_optuna

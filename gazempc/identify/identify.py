@@ -20,7 +20,6 @@ Example: python -m gazempc.identify --tracker my_bag --out my_tracker.toml
 from __future__ import annotations
 
 import datetime
-import math
 import signal
 import sys
 import threading
@@ -36,13 +35,13 @@ from gazempc.command import TYRO_CONFIG, run_command
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
-from gazempc.identify.new_neck import DataSheet, new_neck
+from gazempc.identify.new_neck import DataSheet, write_new_neck
 from gazempc.identify.record import IdentificationError, NeckRecord, called, load_record, record
 from gazempc.identify.urdf import read_urdf
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.robots import first_position_rad, go_in, keeps_any_clock, make_robot
 from gazempc.live.sources.camera.capture import CameraOptions
-from gazempc.neck.spec import AXES, NeckSpec, load_neck
+from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import ROBOT
 from gazempc.progress import Progress
@@ -157,7 +156,12 @@ def parse(words: Sequence[str]) -> IdentifySettings:
 def _run(settings: IdentifySettings) -> None:
     _check(settings)
     if settings.new is not None:
-        _write_new(settings)
+        urdf = None
+        if settings.urdf is not None:
+            if settings.eye_frame is None:
+                raise SettingsError("--urdf: needs --eye-frame, the link at the eye")
+            urdf = read_urdf(settings.urdf, settings.eye_frame, settings.pan_joint, settings.tilt_joint)
+        write_new_neck(settings.new, settings.sheet, urdf)
         return
     progress = Progress()
     if settings.tracker is not None:
@@ -247,36 +251,6 @@ def _check(settings: IdentifySettings) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GazempcError(f"{option} {path}: cannot make its folder: {error.strerror}") from None
-
-
-def _write_new(settings: IdentifySettings) -> None:
-    path, urdf = settings.new, None
-    assert path is not None
-    if settings.urdf is not None:
-        if settings.eye_frame is None:
-            raise SettingsError("--urdf: needs --eye-frame, the link at the eye")
-        urdf = read_urdf(settings.urdf, settings.eye_frame, settings.pan_joint, settings.tilt_joint)
-    neck = new_neck(path, settings.sheet, urdf)
-    for name, axis in zip(AXES, neck.axes, strict=True):
-        print(
-            f"{name}: {axis.position_min_deg:g} to {axis.position_max_deg:g} deg, {axis.velocity_max_rad_s:g} rad/s, "
-            f"{axis.acceleration_max_rad_s2:g} rad/s^2, {axis.jerk_max_rad_s3:g} rad/s^3; dead time "
-            f"{axis.dead_time_s:g} s"
-        )
-        range_deg = axis.position_max_deg - axis.position_min_deg
-        ramp_s = axis.velocity_max_rad_s / axis.acceleration_max_rad_s2
-        ramp_s += axis.acceleration_max_rad_s2 / axis.jerk_max_rad_s3
-        if (way_deg := math.degrees(axis.velocity_max_rad_s * ramp_s)) > range_deg:
-            print(
-                f"Warning: {name}: to reach {axis.velocity_max_rad_s:g} rad/s and to stop takes {way_deg:.0f} deg by "
-                f"these rules of thumb; its range is {range_deg:.0f} deg. Is it the motor's speed before its gear? At "
-                f"most {math.radians(range_deg) / ramp_s:.2g} rad/s are of use"
-            )
-    if urdf is not None:
-        print("Options of ROS 2:", *urdf.options)
-    print(f"Written: {path}; what is assumed is marked there")
-    print(f"Try it: python -m gazempc.run --replay subject03_R4 --neck {path}")
-    print(f"Measure it: python -m gazempc.identify --robot ROBOT --neck {path} --amplitude-deg 8 --out measured.toml")
 
 
 def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> NeckRecord:

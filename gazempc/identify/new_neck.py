@@ -94,16 +94,13 @@ class _Axis:
     sheet_speed: str
 
 
-def new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None = None) -> NeckSpec:
-    """Ask for what is missing, and write a neck file.
+def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
+    """Ask for what is missing, write a neck file, and print its values and the next commands.
 
     Args:
         path: TOML file to write; must not exist.
         sheet: Known values.
         urdf: The neck of a URDF, in place of the sheet.
-
-    Returns:
-        The neck that the file holds.
 
     Raises:
         SettingsError: If the file exists, a value is wrong, or there is no answer.
@@ -118,7 +115,26 @@ def new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None = None) -> Neck
     text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today(), urdf)
     neck = parse_spec(NeckSpec, text, str(path))
     write_whole(path, text)
-    return neck
+    for name, axis in zip(AXES, neck.axes, strict=True):
+        print(
+            f"{name}: {axis.position_min_deg:g} to {axis.position_max_deg:g} deg, {axis.velocity_max_rad_s:g} rad/s, "
+            f"{axis.acceleration_max_rad_s2:g} rad/s^2, {axis.jerk_max_rad_s3:g} rad/s^3; dead time "
+            f"{axis.dead_time_s:g} s"
+        )
+        range_deg = axis.position_max_deg - axis.position_min_deg
+        ramp_s = axis.velocity_max_rad_s / axis.acceleration_max_rad_s2
+        ramp_s += axis.acceleration_max_rad_s2 / axis.jerk_max_rad_s3
+        if (way_deg := math.degrees(axis.velocity_max_rad_s * ramp_s)) > range_deg:
+            print(
+                f"Warning: {name}: to reach {axis.velocity_max_rad_s:g} rad/s and to stop takes {way_deg:.0f} deg by "
+                f"these rules of thumb; its range is {range_deg:.0f} deg. Is it the motor's speed before its gear? At "
+                f"most {math.radians(range_deg) / ramp_s:.2g} rad/s are of use"
+            )
+    if urdf is not None:
+        print("Options of ROS 2:", *urdf.options)
+    print(f"Written: {path}; what is assumed is marked there")
+    print(f"Try it: python -m gazempc.run --replay subject03_R4 --neck {path}")
+    print(f"Measure it: python -m gazempc.identify --robot ROBOT --neck {path} --amplitude-deg 8 --out measured.toml")
 
 
 def neck_file(

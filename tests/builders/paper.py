@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.engine.job import carry_out, program_hash
 from experiments.paper import frames
-from experiments.paper.analysis import TUNED_TIME_S
+from experiments.paper.filters import TUNED_TIME_S
 from experiments.paper.frames import FrameJob, labelled
 from gazempc.recordings.readers.tables.people import COLUMNS
 from gazempc.recordings.recording import Labels, Recording, Track

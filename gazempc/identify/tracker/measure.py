@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from gazempc.identify.tracker.likelihood import GroupFit, Stretches, TrackJumps, measure_errors, runs
+from gazempc.identify.tracker.errors import GroupFit, measure_errors
+from gazempc.identify.tracker.jumps import TrackJumps, runs
+from gazempc.identify.tracker.likelihood import Stretches
 from gazempc.identify.tracker.read import HeadTrack
 from gazempc.identify.tracker.timing import FrameTimes, frame_times
 from gazempc.types import BoolArray, FloatArray

@@ -14,7 +14,8 @@ from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.files.text import read_text
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.bag import Sighted, read_bag_tracks
+from gazempc.recordings.readers.bag import read_bag_tracks
+from gazempc.recordings.readers.bag_people import Sighted
 from gazempc.recordings.readers.checks import check_plausible
 from gazempc.recordings.readers.table import TABLES
 from gazempc.types import FloatArray

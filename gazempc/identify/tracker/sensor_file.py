@@ -11,7 +11,7 @@ import numpy as np
 
 from gazempc.files.whole import write_whole
 from gazempc.identify.new_neck import as_toml
-from gazempc.identify.tracker.likelihood import Known
+from gazempc.identify.tracker.errors import Known
 from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, YawErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
 from gazempc.progress import Progress

@@ -8,8 +8,8 @@ import pytest
 from builders.paper import PEOPLE, WALKS, execute, write_walks
 from scipy.stats import wilcoxon
 
-from experiments.paper.analysis import SLOW_TIME_S, TUNED_TIME_S
 from experiments.paper.figures import draw_routes
+from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
 from experiments.paper.findings import side_by_side
 from experiments.paper.frames import (
     FrameJob,

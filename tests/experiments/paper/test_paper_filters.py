@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from experiments.paper.analysis import sweep
+from experiments.paper.filters import sweep
 from experiments.paper.frames import (
     acceleration_psd,
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.paper import VELOCITY_M_S, execute, line_m, made_errors
 
-from experiments.paper.analysis import TUNED_TIME_S
+from experiments.paper.filters import TUNED_TIME_S
 from experiments.paper.frames import (
     HORIZONS_S,
     RULES,

@@ -12,7 +12,8 @@ from builders.paper import (
     strict_json,
 )
 
-from experiments.paper.analysis import SLOW_TIME_S, TUNED_TIME_S, analyse
+from experiments.paper.analysis import analyse
+from experiments.paper.filters import SLOW_TIME_S, TUNED_TIME_S
 from experiments.paper.frames import (
     RULES,
     FrameJob,
