@@ -228,6 +228,13 @@ def setup_of_gaze(
 def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
     moved = with_motion(neck, settings.motion)
     narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing)
+    if not (neck.reports_joints or np.array_equal(narrow.rest_rad, moved.rest_rad)):
+        # It is taken to stand at rest: a first command elsewhere would be a step.
+        raise SettingsError(
+            f"loop.gaze_region_deg: neck {neck.name!r} reports no joints and starts at rest, at "
+            f"{np.rad2deg(moved.rest_rad).round(1).tolist()} deg ({', '.join(neck.joint_names)}), to which the region "
+            f"allows no command (nearest: {np.rad2deg(narrow.rest_rad).round(1).tolist()}); accepted: one that does"
+        )
     settings.mount.check_fits(narrow)
     return narrow
 

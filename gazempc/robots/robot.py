@@ -117,7 +117,8 @@ def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
         stands = ", ".join(f"{name} {angle_deg:.1f}" for name, angle_deg in joints)
         raise RobotError(
             f"the neck stands at {stands} deg, outside its range ({np.rad2deg(low).round(1)} to "
-            f"{np.rad2deg(high).round(1)}): move it inside by hand, or check zero and direction of its axes"
+            f"{np.rad2deg(high).round(1)}): move it inside by hand, give a loop.gaze_region_deg that contains where it "
+            "stands, or check zero and direction of its axes"
         )
     limits = neck.command_limits
     start, target = np.clip(position_rad, low, high), limits.clip_position(position_rad)

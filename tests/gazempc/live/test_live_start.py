@@ -2,17 +2,23 @@
 
 import dataclasses
 import threading
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 from builders.checks import assert_sound, assert_within_limits
 from builders.faults import answers_badly
-from builders.live import Faulty, run_live
+from builders.live import NECK, Faulty, run_live
 from builders.robots import Spied
 
-from gazempc.errors import GazempcError, RobotError
-from gazempc.live.session import main
+from gazempc.errors import GazempcError, RobotError, SettingsError
+from gazempc.identify.new_neck import as_toml
+from gazempc.live.run import LiveRun
+from gazempc.live.session import main, parse
+from gazempc.live.setup import build
 from gazempc.live.sources.source import SourceError
+from gazempc.results.motion import limit_violations
+from gazempc.sim.simulated import SimulatedNeck
 
 START_RAD = np.array([0.5, -0.1])
 
@@ -61,6 +67,42 @@ def test_a_neck_that_stands_outside_its_range_is_not_moved():
     with pytest.raises(RobotError, match=r"pan 120\.0, tilt 0\.0 deg, outside its range"):
         run_live(on_read=on_read, on_send=commands.append)
     assert commands == []
+
+
+REGION_DEG = (30.0, 60.0, -10.0, 20.0)
+
+
+@pytest.mark.parametrize("shipped", [True, False])
+def test_a_start_outside_the_gaze_region_is_refused_but_of_a_simulated_robot_that_is_placed_inside(shipped):
+    """The recording begins at pan -18; a robot by name is simulated within the region, another one stands anywhere."""
+    words = ["--source", "replay", "--simulated-clock", "--controller", "lookahead", "--predictor", "constant_velocity"]
+    setup = build(parse([*words, "--robot", "simulated", "--loop.gaze-region-deg", *map(str, REGION_DEG)]))
+    inner = setup.robot if shipped else SimulatedNeck(NECK, np.zeros(2), setup.clock.now_s)
+    robot, logs = Spied(inner, setup.clock), []
+    run = LiveRun(dataclasses.replace(setup, robot=robot), lambda log, _: logs.append(log))
+    if not shipped:
+        with pytest.raises(RobotError, match="gaze_region_deg"):
+            run.run(threading.Event(), 1.0)
+        assert robot.received == []
+        assert robot.calls == ["connect", "close"]
+        return
+    run.run(threading.Event(), 1.0)
+    (log,) = logs
+    pan_deg, tilt_deg = np.rad2deg(log.command_position_rad).T
+    assert pan_deg.min() >= REGION_DEG[0]
+    assert tilt_deg.max() <= REGION_DEG[3]
+    assert limit_violations(log, setup.neck) == 0
+
+
+@pytest.mark.parametrize(("region_deg", "accepted"), [(REGION_DEG, False), ((-20.0, 20.0, -10.0, 20.0), True)])
+def test_a_neck_without_encoders_is_refused_a_region_without_its_rest(tmp_path, region_deg, accepted):
+    """Its first command is where it rests; from a rest outside the region that would be a step."""
+    path = tmp_path / "blind.toml"
+    path.write_text(as_toml(NECK.model_copy(update={"reports_joints": False}).model_dump(exclude_none=True)))
+    words = ["--source", "replay", "--robot", "simulated", "--simulated-clock", "--neck", str(path)]
+    settings = parse([*words, "--loop.gaze-region-deg", *map(str, region_deg)])
+    with nullcontext() if accepted else pytest.raises(SettingsError, match="gaze_region_deg"):
+        assert not build(settings).neck.reports_joints
 
 
 @pytest.mark.parametrize("part", ["robot", "source"])
