@@ -33,7 +33,9 @@ class _AxisSmoother:
         self._low, self._high, self._v_max, self._a_max, self._j_max = limits
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1, period_s)
-        self._trajectory = ruckig.Trajectory(1)
+        # Stops have one of their own: a stop has no target position, but the one that is left in the trajectory (0 in a
+        # new one) counts among its extrema.
+        self._trajectory, self._stop = ruckig.Trajectory(1), ruckig.Trajectory(1)
         # A request for each question, as most of what is asked stays: setting a value takes as long as some answers.
         self._to_follow, self._to_meet, self._to_rest = (ruckig.InputParameter(1) for _ in range(3))
         self._to_follow.minimum_duration = period_s
@@ -159,10 +161,12 @@ class _AxisSmoother:
         # forced out of them. Ruckig has no position constraints.
         if self._far_from_limits(motion):
             return True
-        self._aim_at_rest(motion)
-        if self._calculate(self._to_rest):
-            reach = self._trajectory.position_extrema[0]
-            return bool(reach.min >= self._low - 1e-12 and reach.max <= self._high + 1e-12)
+        # From 0, which is then among the extrema anyway.
+        position, velocity, acceleration = motion
+        self._aim_at_rest((0.0, velocity, acceleration))
+        if self._calculate(self._to_rest, self._stop):
+            reach = self._stop.position_extrema[0]
+            return bool(position + reach.min >= self._low - 1e-12 and position + reach.max <= self._high + 1e-12)
         return False
 
     def _far_from_limits(self, motion: AxisMotion) -> bool:
@@ -176,14 +180,14 @@ class _AxisSmoother:
         return braking <= self._a_max and self._low + room <= position <= self._high - room
 
     def _sample(self, request: ruckig.InputParameter) -> AxisMotion | None:
-        if not self._calculate(request):
+        if not self._calculate(request, self._trajectory):
             return None
         p, v, a = self._trajectory.at_time(self._period_s)
         return (p[0], v[0], a[0]) if math.isfinite(p[0] + v[0] + a[0]) else None
 
-    def _calculate(self, request: ruckig.InputParameter) -> bool:
+    def _calculate(self, request: ruckig.InputParameter, trajectory: ruckig.Trajectory) -> bool:
         try:
-            result = self._generator.calculate(request, self._trajectory)
+            result = self._generator.calculate(request, trajectory)
         except (ruckig.RuckigError, ValueError):  # ValueError: a result code that its binding lacks
             return False
         return result in (ruckig.Result.Working, ruckig.Result.Finished)

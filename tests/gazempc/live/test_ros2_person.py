@@ -7,6 +7,7 @@ import pytest
 from builders.ros2_graph import (
     NOW_S,
     OPTICAL,
+    TF,
     Stage,
     header,
     make_message,
@@ -19,6 +20,7 @@ from builders.ros2_graph import (
 from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.loop.events import Event
 from gazempc.robots.options import Ros2Options
 
 TOPIC, POSE = "/person/head", "geometry_msgs/msg/PoseStamped"
@@ -164,3 +166,26 @@ def test_a_pose_whose_frame_is_not_known_in_time_is_a_problem(stage, told, why):
     stage.now_s += 0.25
     _, (problem,) = polled(person, 1)
     assert why in problem
+
+
+def test_several_senders_of_a_topic_are_named_once_and_again_after_one_was_gone(stage):
+    """Of tf, several are usual."""
+    person = opened(stage, base_frame="base_link")
+
+    def found():
+        stage.now_s += 3.1
+        return [notice for notice in person.poll().notices if notice.event is Event.SEVERAL_SENDERS]
+
+    for node in ("/robot", "/camera"):
+        stage.announced("/tf", TF, node)
+    stage.announced(TOPIC, POSE, "/new_tracker")
+    assert found() == []
+    stage.announced(TOPIC, POSE, "/old_tracker")
+    (notice,) = found()
+    assert all(name in notice.text for name in (TOPIC, "/new_tracker", "/old_tracker"))
+    assert found() == []
+    stage.gone(TOPIC)
+    stage.announced(TOPIC, POSE, "/new_tracker")
+    assert found() == []
+    stage.announced(TOPIC, POSE, "/old_tracker")
+    assert len(found()) == 1

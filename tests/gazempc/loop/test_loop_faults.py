@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import ruckig
 from builders.loop import NECK, TS, LoopBench, ambling_head_m, error_deg, events, make_loop
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -63,6 +64,28 @@ def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
     standing = log.command_position_rad[int(3.0 / TS) : int(3.9 / TS)]
     assert np.ptp(standing, axis=0) == pytest.approx([0, 0], abs=1e-9)
     assert error_deg(log, from_s=5.5).mean() < 1.25  # 1.07 as measured
+
+
+def test_where_no_motion_to_the_plan_is_found_the_smoother_stops_the_neck_and_names_it(monkeypatch):
+    """Ruckig finds none for half a second: the neck stands within the time of a stop, and follows again."""
+    clock_s = [0.0]
+
+    class NoWay(ruckig.Ruckig):
+        def calculate(self, request, trajectory):
+            if 2.0 <= clock_s[0] < 2.5 and request.control_interface == ruckig.ControlInterface.Position:
+                raise ruckig.RuckigError("made to fail")
+            return super().calculate(request, trajectory)
+
+    monkeypatch.setattr(ruckig, "Ruckig", NoWay)
+    bench = LoopBench(on_send=lambda now_s: clock_s.__setitem__(0, now_s))
+    log = bench.run(4.0)
+    assert events(log) == {"no_observation_yet", "limit_guard"}
+    guarded_s = log.event_time_s[log.event_name == "limit_guard"]
+    assert np.all((guarded_s > 2.0) & (guarded_s < 2.5 + 2 * TS))
+    moved_rad = np.ptp(log.command_position_rad[[int(2.4 / TS), int(2.45 / TS)]], axis=0)
+    assert moved_rad == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert np.ptp(log.command_position_rad[int(1.9 / TS) : int(2.0 / TS), 0]) > 0.01
+    assert error_deg(log, from_s=3.2).mean() < 1.37
 
 
 def test_where_the_solver_gives_up_the_smoother_keeps_the_limits():

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from gazempc.controllers.controller import Plan
 from gazempc.loop.smoother import Smoother
+from gazempc.neck.narrow import narrowed
 from gazempc.neck.spec import load_neck
 
 NECK = load_neck("reference")
@@ -108,6 +109,23 @@ def test_a_plan_that_has_ended_is_stopped_not_coasted():
     assert smoother.intervention == "stale_plan"
     assert smoother.command.velocity_rad_s == pytest.approx([0, 0], abs=1e-9)
     assert stopped[-1, 0] == pytest.approx(stopped[-20, 0])
+
+
+@pytest.mark.parametrize("region_deg", [(30.0, 60.0, -10.0, 20.0), (-60.0, -30.0, 5.0, 15.0), (-30.0, 30.0, -9.0, 9.0)])
+@pytest.mark.parametrize("at_max", [False, True])
+def test_a_command_at_the_end_of_its_range_leaves_it_wherever_the_range_lies(region_deg, at_max):
+    """A range without 0 is one, too: a neck that starts at the edge of its gaze region does not stay there."""
+    neck = narrowed(NECK, region_deg, None)
+    ends = neck.command_limits.position_min_rad, neck.command_limits.position_max_rad
+    start, middle = ends[at_max], sum(ends) / 2.0
+    smoother = Smoother(neck, start)
+    assert smoother.command.position_rad == pytest.approx(start)
+    to_middle = Plan(0.0, np.inf, middle[None], np.zeros((1, 2)), np.zeros((1, 2)))
+    back = Plan(0.0, np.inf, start[None], np.zeros((1, 2)), np.zeros((1, 2)))
+    for plan in (to_middle, back, to_middle):
+        positions = roll(smoother, plan, 400)
+        assert positions[-1] == pytest.approx(plan.position_rad[0], abs=1e-6)
+        assert np.all((positions >= ends[0] - 1e-9) & (positions <= ends[1] + 1e-9))
 
 
 def test_no_plan_means_stop_and_a_start_outside_is_clipped():
