@@ -92,8 +92,10 @@ def test_the_sensor_s_clock_jumps_and_comes_back():
     assert_recovered(result, 5.05 + 1.9)
 
 
-@pytest.mark.parametrize(("field", "value"), [("head_position_base_m", np.nan), ("pelvis_quat_wxyz", 0.0)])
-def test_an_observation_with_nan_or_a_bad_quaternion_is_refused(field, value):
+@pytest.mark.parametrize(
+    ("field", "value"), [("head_position_base_m", np.nan), ("head_position_base_m", 0.005), ("pelvis_quat_wxyz", 0.0)]
+)
+def test_an_observation_with_nan_a_bad_quaternion_or_a_head_at_the_sensor_is_refused(field, value):
     """Forged past the check of `HeadObservation`, as a source in another language might."""
 
     def spoilt(now_s, sighting):
