@@ -77,6 +77,6 @@ def replay(
         checked,
         neck if isinstance(neck, NeckSpec) else None,
         sensor if isinstance(sensor, SensorSpec) else None,
-        everybody=checked.attend is not None,
+        all_people=checked.attend is not None,
     )
     return replay_scene(scene, controller, predictor, checked).log

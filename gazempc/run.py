@@ -133,7 +133,7 @@ def _run(settings: RunSettings, command: str) -> None:
     from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
     from gazempc.sim.scene import make_scene  # noqa: PLC0415
 
-    scene = make_scene(settings.replay or "", settings, everybody=settings.attend is not None)
+    scene = make_scene(settings.replay or "", settings, all_people=settings.attend is not None)
     out = settings.out or Path("out") / scene.name
     resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
     with begin_folder(out):

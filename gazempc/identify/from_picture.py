@@ -132,8 +132,8 @@ class _Bench:
             raise IdentificationError(f"no picture came: {self.eye.problem or 'the stream stands still'}")
         stamps = np.array([each[0] for each in taken])
         seen = Pulse(step, on_s, off_s, stamps, np.full(stamps.size, np.nan))
-        told = Pulse(step, on_s, off_s, np.array([a[0] for a in answers]), np.array([a[1][axis] for a in answers]))
-        return seen, told, [each[1] for each in taken]
+        reported = Pulse(step, on_s, off_s, np.array([a[0] for a in answers]), np.array([a[1][axis] for a in answers]))
+        return seen, reported, [each[1] for each in taken]
 
 
 def _angles(turning: Turning, pulse: Pulse, greys: Sequence[Any], most_rad: float) -> Pulse:
@@ -147,10 +147,10 @@ def _fov_rad(found: Sequence[tuple[Pulse, Pulse, list[Any]]], guess_rad: float) 
     focal_px = 0.5 * width / math.tan(0.5 * guess_rad)
     for _ in range(3):
         turning, ratios = Turning("pan", 2.0 * math.atan(0.5 * width / focal_px), width, height), []
-        for _, told, greys in found:
-            if told.angle_rad.size > 1:
+        for _, reported, greys in found:
+            if reported.angle_rad.size > 1:
                 turned_rad = turning.between(turning.flat(greys[0]), turning.flat(greys[-1]))
-                ratios.append(abs(turned_rad / (told.angle_rad[-1] - told.angle_rad[0])))
+                ratios.append(abs(turned_rad / (reported.angle_rad[-1] - reported.angle_rad[0])))
         if not ratios:
             return None
         # To first order an angle is a number of pixels over the focal length.
@@ -249,16 +249,16 @@ def _measured(
     found, done = [], 0
     for index, name in enumerate(AXES):
         view_rad = (fov_rad, fov_rad * height / width)[index]
-        seen, told = [], []
+        seen, reported = [], []
         for step, speed_rad_s in enumerate(plans[index], start=1):
             for way in (1, -1):
                 lasts_s = _lasts_s(likely[index][step - 1], view_rad)
                 pulse, answers, greys = bench.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
                 seen.append(_angles(turnings[index], pulse, greys, _KEY_SHARE * view_rad))
-                told.append(answers)
+                reported.append(answers)
                 done += 1
                 progress.at(done / (2 * sum(map(len, plans))))
-        answered = [answers for answers in told if answers.time_s.size]
+        answered = [answers for answers in reported if answers.time_s.size]
         by_answers = estimate_turns(answered, delay_max_s) if answered else None
         found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, len(plans[index])))
     return fov_rad, found

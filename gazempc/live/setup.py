@@ -150,7 +150,7 @@ def build(settings: LiveSettings) -> LiveSetup:
     clock: Clock = SimulatedClock() if settings.simulated_clock else RealClock()
     scene = None
     if settings.recording is not None:
-        scene = make_scene(settings.recording, settings.scene, neck, everybody=settings.attend is not None)
+        scene = make_scene(settings.recording, settings.scene, neck, all_people=settings.attend is not None)
     stamps = StampReader(settings.stamps, clock) if clock.is_real and settings.source_kind in STAMPED else None
     source = _make_source(settings, neck, clock, scene, stamps)
     chosen = settings.predictor, settings.controller, settings.robot

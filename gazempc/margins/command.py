@@ -46,7 +46,7 @@ def _work(settings: MarginsSettings) -> int:
     head = f"{'neck':<17} {'joint':<5} {'gain':>6} {'at [Hz]':>8} {'phase [deg]':>12} {'delay [ms]':>11} "
     print(head + f"{'disk: gain, phase':>18} {'peak |S|':>9} {'slowest pole [s]':>17}")
     found: list[tuple[str, Margins]] = []
-    told, warnings = list[str](), list[str]()
+    findings, warnings = list[str](), list[str]()
     for name in neck_names() if settings.neck is None else (settings.neck,):
         neck = load_neck(name)
         mpc = Mpc(neck)
@@ -57,10 +57,10 @@ def _work(settings: MarginsSettings) -> int:
                 f"{neck.name:<17} {m.joint:<5} {m.gain:>6.2f} {m.gain_hz:>8.2f} {m.phase_deg:>12.0f} "
                 f"{1e3 * m.delay_s:>11.0f} {disk:>18} {m.peak_sensitivity:>9.2f} {m.slowest_s:>17.2f}"
             )
-        told += sentences(neck, each)
+        findings += sentences(neck, each)
         found += [(neck.name, m) for m in each]
         warnings += too_small(mpc)
-    print("\n" + "\n".join(told))
+    print("\n" + "\n".join(findings))
     for warning in warnings:
         print(f"Warning: {warning}")
     if settings.figure is not None:

@@ -103,7 +103,7 @@ class MujocoNeck:
         for actuator, start in enumerate(commands):
             samples = int(model.actuator_history[actuator, 0])
             if samples:
-                # Before the beginning it was told to stand where it stands.
+                # Before the first command the set-point is the initial position.
                 mujoco.mj_initCtrlHistory(model, data, actuator, None, np.full((samples, 1), start))
         mujoco.mj_forward(model, data)
         self._mujoco, self._model, self._data, self._order = mujoco, model, data, order

@@ -119,10 +119,10 @@ class OnvifDevice:
         """See `SpeedDevice.about`."""
         found = self._ask(self._client.get_device_information)
         status = self._ask(self._client.ptz_get_status, profile_token=self._token)
-        told = [str(found.get(name, "?")) for name in ("Manufacturer", "Model", "FirmwareVersion")]
+        reported = [str(found.get(name, "?")) for name in ("Manufacturer", "Model", "FirmwareVersion")]
         return [
             ("address", f"{self._host}:{self._port} (ONVIF)"),
-            ("model", " ".join(told)),
+            ("model", " ".join(reported)),
             ("profile", self._token),
             ("moves", ", ".join(self._offered())),
             ("position", f"{status.get('pan')} and {status.get('tilt')}"),

@@ -78,7 +78,7 @@ class ReachyMiniNeck:
         self._threads: list[threading.Thread] = []
         # One for every connect(): a thread of an earlier one that is slow to end must not go on.
         self._stop = threading.Event()
-        # Guards all below; told of every change.
+        # Guards all below; notified of every change.
         self._changed = threading.Condition()
         self._socket: Any = None
         self._lost = ""
@@ -94,7 +94,7 @@ class ReachyMiniNeck:
         self._sending_since_s: float | None = None
 
     def connect(self) -> None:
-        """Connect to the daemon and wait until it has told its state; see `gazempc.robots.robot.Robot.connect`.
+        """Connect to the daemon and wait for its first state; see `gazempc.robots.robot.Robot.connect`.
 
         Raises:
             RobotError: If there is no daemon, it does not tell its state, its motors are off, the head is not up or

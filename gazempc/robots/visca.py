@@ -56,7 +56,7 @@ class ViscaLink:
     """Exchanges packets with a camera by UDP; one thread at a time uses it.
 
     A packet without an answer is sent again with the same number, as the standard demands. Answers to another number
-    are late, or out of order, and are left out. A camera with another count is told to start anew.
+    are late, or out of order, and are left out. A camera with another count is reset.
 
     Args:
         host: Address of the camera.

@@ -121,17 +121,17 @@ def make_scene(
     settings: SceneSettings = SceneSettings(),  # noqa: B008  (frozen)
     neck: NeckSpec | None = None,
     sensor: SensorSpec | None = None,
-    everybody: bool = False,
+    all_people: bool = False,
 ) -> Scene:
     """Make a scene.
 
     Args:
-        recording: A recording, the name of a synthetic one, or a path; with `everybody` all that
+        recording: A recording, the name of a synthetic one, or a path; with `all_people` all that
             `gazempc.recordings.load.load_together` takes.
         settings: Names and numbers of the rest.
         neck: A neck in place of the settings' one.
         sensor: A sensor in place of the settings' one.
-        everybody: Whether all people of the recording are there, and not one alone.
+        all_people: Whether all people of the recording are there, and not one alone.
 
     Returns:
         The scene.
@@ -141,7 +141,7 @@ def make_scene(
     """
     if isinstance(recording, Recording):
         walks: tuple[Recording, ...] = (recording,)
-    elif everybody:
+    elif all_people:
         walks = load_together(recording, settings.reading)
     elif MARK in str(recording) and not Path(recording).exists():
         raise SettingsError(f"{recording}: several people: choose one by --attend, such as --attend nearest")

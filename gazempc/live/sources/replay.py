@@ -45,13 +45,13 @@ class ReplaySource:
         passes: int = 1,
         others: Sequence[Recording] = (),
     ) -> None:
-        everybody = (placed, *others)
-        last_s = max(float(walk.times_s[-1]) for walk in everybody)
+        all_people = (placed, *others)
+        last_s = max(float(walk.times_s[-1]) for walk in all_people)
 
         def seen(seed: int) -> Iterable[Sighting]:
             if not others:
                 return observe(placed, sensor, seed)
-            return [sighting for _, sighting in observe_together(everybody, sensor, seed)]
+            return [sighting for _, sighting in observe_together(all_people, sensor, seed)]
 
         pass_s = last_s + _PAUSE_S
         found = [_later(sighting, k * pass_s) for k in range(passes) for sighting in seen(seed + k)]

@@ -18,7 +18,7 @@ TWO = "subject03_R4+subject05_R1"
 
 
 def replayed(attend, controller="mpc", recording=TWO, predictor="constant_velocity", **settings):
-    scene = make_scene(recording, SceneSettings(), everybody=True)
+    scene = make_scene(recording, SceneSettings(), all_people=True)
     return replay_scene(scene, controller, predictor, ReplaySettings(attend=attend, **settings)).log
 
 

@@ -35,7 +35,7 @@ class FaceRate:
 
     def __init__(self) -> None:
         self._pictures: deque[tuple[float, bool, float]] = deque()
-        self._told = False
+        self._warned = False
         self._first_s: float | None = None
 
     def judge(self, captured_s: float, found: bool, search_s: float) -> str:
@@ -55,9 +55,9 @@ class FaceRate:
             self._pictures.popleft()
         times_s, faces, searches_s = (np.array(column) for column in zip(*self._pictures, strict=True))
         enough = captured_s - self._first_s >= _WINDOW_S and times_s.size >= _LEAST_PICTURES
-        if self._told or not enough or faces.sum() < _LEAST_FACES or not is_low_rate(times_s[faces]):
+        if self._warned or not enough or faces.sum() < _LEAST_FACES or not is_low_rate(times_s[faces]):
             return ""
-        self._told = True
+        self._warned = True
         rate_hz, search_s = 1.0 / float(np.median(np.diff(times_s))), float(np.median(searches_s))
         below = f"below {LOW_RATE_HZ:.0f} faces a second the gaze trails a walking person"
         if not is_low_rate(times_s):
