@@ -10,7 +10,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from gazempc.errors import SettingsError, shown, suggest
 from gazempc.files.documents import parse_yaml
-from gazempc.parts import Kind, check_members, find, is_own, said
+from gazempc.parts import Kind, check_members, error_line, find, is_own
 
 
 def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
@@ -43,7 +43,7 @@ def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str
     except (SettingsError, MemoryError):
         raise
     except Exception as error:
-        raise SettingsError(f"{kind.name} {choice}: its constructor raised {said(error)}") from error
+        raise SettingsError(f"{kind.name} {choice}: its constructor raised {error_line(error)}") from error
     check_members(kind, part, choice)
     return part
 

@@ -225,7 +225,7 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
             "among the installed packages"
         ) from None
     except Exception as error:
-        raise SettingsError(f"{kind.name} {choice}: importing {module_name} raised {said(error)}") from error
+        raise SettingsError(f"{kind.name} {choice}: importing {module_name} raised {error_line(error)}") from error
     for part in name.split("."):
         if not hasattr(found, part):
             ours = [(n, v) for n, v in vars(found).items() if getattr(v, "__module__", None) == module_name]
@@ -279,7 +279,7 @@ def name_of(kind: Kind, part: object) -> str:
     return f"{own.__module__}.{name}" if name in kind.shipped else name
 
 
-def said(error: BaseException) -> str:
+def error_line(error: BaseException) -> str:
     """An exception in one line, such as ``TypeError: ...``."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

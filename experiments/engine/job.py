@@ -15,7 +15,7 @@ from typing import Any, Protocol
 from pydantic_core import to_jsonable_python
 
 from gazempc.errors import GazempcError, LeftOutError
-from gazempc.parts import CONTROLLER, PREDICTOR, find, is_own, said
+from gazempc.parts import CONTROLLER, PREDICTOR, error_line, find, is_own
 from gazempc.recordings.readers.tables.mapping import saved_places
 
 _LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig", "control")
@@ -68,7 +68,7 @@ def carry_out(job: Job, key: str, program: str) -> Row:
         return _failed(str(error))
     except (Exception, SystemExit) as error:  # a bug, a lack of memory or an exit in one job must not end the others
         last = traceback.extract_tb(error.__traceback__)[-1]
-        return _failed(f"{said(error)} ({Path(last.filename).name}, line {last.lineno})")
+        return _failed(f"{error_line(error)} ({Path(last.filename).name}, line {last.lineno})")
 
 
 def _failed(reason: str) -> Row:

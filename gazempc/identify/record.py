@@ -20,7 +20,7 @@ from gazempc.identify.excitation import Excitation, brake
 from gazempc.live.clock import Clock
 from gazempc.loop.boundary import numbers
 from gazempc.neck.spec import NeckSpec
-from gazempc.parts import said
+from gazempc.parts import error_line
 from gazempc.results.log_files import is_mcap, load_log
 from gazempc.robots.robot import Robot, wrong_reading
 from gazempc.types import FloatArray
@@ -97,7 +97,7 @@ def called(method: Callable[..., _T], *given: object) -> _T:
     except (GazempcError, OSError):
         raise
     except Exception as error:
-        raise RobotError(f"{method.__name__}() raised {said(error)}") from error
+        raise RobotError(f"{method.__name__}() raised {error_line(error)}") from error
 
 
 def record(

@@ -12,7 +12,7 @@ from gazempc.errors import RobotError, SettingsError
 from gazempc.live.clock import Clock
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import ADDRESSED, ROBOT, Kind, find, is_own, said, split_address
+from gazempc.parts import ADDRESSED, ROBOT, Kind, error_line, find, is_own, split_address
 from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot, way_in_rad, wrong_reading
 from gazempc.types import FloatArray, JointState
@@ -111,7 +111,7 @@ def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threadi
         except RobotError as error:
             problem = str(error)
         except Exception as error:
-            problem = said(error)
+            problem = error_line(error)
         if clock.now_s() >= until_s:
             raise RobotError(
                 f"the joints cannot be read ({problem}), and a first command elsewhere would be a step: check the "

@@ -26,7 +26,7 @@ from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack
 from gazempc.loop.trial import warm_up
 from gazempc.neck.spec import NeckSpec
-from gazempc.parts import said
+from gazempc.parts import error_line
 from gazempc.people.attention import AttentionState
 from gazempc.results.moments import LateMoment, Moment, StatusMoment
 from gazempc.robots.robot import Robot
@@ -314,7 +314,7 @@ def _open(what: str, call: Callable[[], None], refusal: type[GazempcError]) -> N
     except (GazempcError, OSError, KeyboardInterrupt):
         raise
     except BaseException as error:
-        raise refusal(f"{what} raised {said(error)}") from error
+        raise refusal(f"{what} raised {error_line(error)}") from error
 
 
 def _ramp_s(neck: NeckSpec) -> float:

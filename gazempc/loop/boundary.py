@@ -12,7 +12,7 @@ import numpy as np
 
 from gazempc.controllers.controller import ControllerError, Plan
 from gazempc.loop.events import Event
-from gazempc.parts import said
+from gazempc.parts import error_line
 from gazempc.types import FloatArray
 from predictors import Forecast
 
@@ -34,7 +34,7 @@ class PartError(Exception):
     """
 
     def __init__(self, call: str, error: BaseException) -> None:
-        super().__init__(f"{said(error)} ({call})")
+        super().__init__(f"{error_line(error)} ({call})")
         self.error = error
 
 

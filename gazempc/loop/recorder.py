@@ -16,7 +16,7 @@ import numpy as np
 from gazempc.controllers.controller import AxisMotion, Plan
 from gazempc.loop.boundary import PartError
 from gazempc.loop.columns import Arrays, JointColumns, PackedRows, pack_rows, pack_states
-from gazempc.parts import said
+from gazempc.parts import error_line
 from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log, RunInfo
 from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
 from gazempc.types import FloatArray, JointState
@@ -208,7 +208,7 @@ class LoopRecorder:
         if known is not None:
             self._faults[name] = replace(known, count=known.count + 1)
             return
-        line = str(error) if isinstance(error, PartError) else said(error)
+        line = str(error) if isinstance(error, PartError) else error_line(error)
         # The traceback ends where the part raised.
         cause = error.error if isinstance(error, PartError) else error
         # Its source lines are read later: files take many ticks' time.

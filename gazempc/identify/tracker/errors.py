@@ -65,7 +65,7 @@ class GroupFit:
 
 
 def measure_errors(
-    data: Stretches, groups: tuple[int, ...], one_person: bool, tell: Callable[[float], None]
+    data: Stretches, groups: tuple[int, ...], one_person: bool, report: Callable[[float], None]
 ) -> tuple[tuple[GroupFit, ...], TrackJumps]:
     """Fit errors, leave jumps out, and fit again.
 
@@ -75,7 +75,7 @@ def measure_errors(
             and across.
         one_person: True where the person's acceleration is one for all groups (a standing person sways alike in all
             directions); False where each group has its own.
-        tell: Called with the share that is done, 0 to 1.
+        report: Called with the share that is done, 0 to 1.
 
     Returns:
         One fit a group, and the jumps that the fits leave out.
@@ -84,7 +84,7 @@ def measure_errors(
     rough = np.array([_third_differences(data, of_axis == g) for g in range(max(groups) + 1)])
     start, used = rough, data.used
     for k in range(_ROUNDS):
-        tell(k / _ROUNDS)
+        report(k / _ROUNDS)
         fits, parameters = _fit(replace(data, used=used), of_axis, one_person, start)
         _, normalised = likelihood(data, parameters, _GATE)
         sizes = np.abs(np.nan_to_num(normalised)).max(axis=1)

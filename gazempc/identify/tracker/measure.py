@@ -121,12 +121,12 @@ class TrackerErrors:
         return bool(along_m.size and np.median(across_m) > max(_SWAY_M, _SIDEWAYS * np.median(along_m)))
 
 
-def measure_tracker(track: HeadTrack, tell: Callable[[float], None]) -> TrackerErrors:
+def measure_tracker(track: HeadTrack, report: Callable[[float], None]) -> TrackerErrors:
     """Measure a tracker.
 
     Args:
         track: Track of one person.
-        tell: Called with the share that is done, 0 to 1.
+        report: Called with the share that is done, 0 to 1.
 
     Returns:
         Its errors.
@@ -138,11 +138,11 @@ def measure_tracker(track: HeadTrack, tell: Callable[[float], None]) -> TrackerE
     still_s = data.duration_s
     if moved := still_s < _STILL_MIN_S:
         data = cut(times_s, values, range_m, np.ones(times_s.size, dtype=np.bool_))
-    fits, jumps = measure_errors(data, (0, 1, 1), not moved, lambda share: tell(0.6 * share))
+    fits, jumps = measure_errors(data, (0, 1, 1), not moved, lambda share: report(0.6 * share))
     used_s, middle_m = data.duration_s, float(np.median(range_m))
     along, across = (_direction(fit, used_s, moved, _SWAY_M / middle_m) for fit in fits)
-    head = _yaw(times_s, track.head_yaw_rad, stands, lambda share: tell(0.6 + 0.2 * share))
-    pelvis = _yaw(times_s, track.pelvis_yaw_rad, stands, lambda share: tell(0.8 + 0.2 * share))
+    head = _yaw(times_s, track.head_yaw_rad, stands, lambda share: report(0.6 + 0.2 * share))
+    pelvis = _yaw(times_s, track.pelvis_yaw_rad, stands, lambda share: report(0.8 + 0.2 * share))
     return TrackerErrors(
         frames=frame_times(times_s),
         along=along,
@@ -248,7 +248,7 @@ def _direction(fit: GroupFit, used_s: float, moved: bool, sway: float) -> Direct
 
 
 def _yaw(
-    times_s: FloatArray, yaw_rad: FloatArray, stands: BoolArray, tell: Callable[[float], None]
+    times_s: FloatArray, yaw_rad: FloatArray, stands: BoolArray, report: Callable[[float], None]
 ) -> YawErrors | None:
     known = np.isfinite(yaw_rad)
     if known.mean() < 0.1 or known.sum() < 30:
@@ -264,6 +264,6 @@ def _yaw(
         data = cut(at_s, values, ones, ones > 0)
     if not data.used.any():
         return None
-    (fit,), _ = measure_errors(data, (0,), True, tell)
+    (fit,), _ = measure_errors(data, (0,), True, report)
     used_s = data.duration_s
     return YawErrors(_direction(fit, used_s, moved, 0.0), float(known.mean()), int(turns.sum()), used_s)

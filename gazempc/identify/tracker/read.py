@@ -164,13 +164,13 @@ _LEAST_RANGE_M = 0.1
 _MIN_FRAMES, _MIN_DURATION_S = 60, 3.0
 
 
-def read_track(path: Path, person: str | None, tell: Callable[[float], None]) -> HeadTrack:
+def read_track(path: Path, person: str | None, report: Callable[[float], None]) -> HeadTrack:
     """Read the longest track of a file, or that of one person.
 
     Args:
         path: File or folder.
         person: The tracker's name of the person; None: who has the longest track.
-        tell: Called with the share that is read, 0 to 1.
+        report: Called with the share that is read, 0 to 1.
 
     Returns:
         The track.
@@ -181,7 +181,7 @@ def read_track(path: Path, person: str | None, tell: Callable[[float], None]) ->
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     if path.is_dir():
-        tracks: Sequence[HeadTrack] = [of_bag(*found) for found in read_bag_tracks(path, tell)]
+        tracks: Sequence[HeadTrack] = [of_bag(*found) for found in read_bag_tracks(path, report)]
     elif path.suffix.lower() in _LINES:
         tracks = of_lines(path)
     elif not path.exists() or path.suffix.lower() not in (*TABLES, ".json"):

@@ -10,7 +10,7 @@ from typing import Protocol
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.live.process import second_to_the_run
 from gazempc.live.view.orders import ViewOrders, is_loopback
-from gazempc.parts import said
+from gazempc.parts import error_line
 from gazempc.results.log_files import NEEDS_VIEW
 from gazempc.results.moments import Moment
 
@@ -83,6 +83,6 @@ def _survived(do: Callable[[], object], parent: Connection) -> bool:
     try:
         do()
     except Exception as error:
-        parent.send(f"viewers: {error if isinstance(error, GazempcError) else said(error)}")
+        parent.send(f"viewers: {error if isinstance(error, GazempcError) else error_line(error)}")
         return False
     return True

@@ -34,12 +34,12 @@ _EXPECTED = (
 )
 
 
-def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: None) -> list[tuple[Sighted, bool]]:
+def read_bag_tracks(path: Path, report: Callable[[float], None] = lambda share: None) -> list[tuple[Sighted, bool]]:
     """Read the tracks of people in a bag.
 
     Args:
         path: Folder of the bag.
-        tell: Called with the share that is read, 0 to 1.
+        report: Called with the share that is read, 0 to 1.
 
     Returns:
         For each person the track in the sensor's frame, x forward, y left, z up, and whether that frame had optical
@@ -50,7 +50,7 @@ def read_bag_tracks(path: Path, tell: Callable[[float], None] = lambda share: No
         RecordingError: If the folder is no bag, or has no person in it.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
-    _, found = _open(path, tell)
+    _, found = _open(path, report)
     sensed = [seen for seen in found if seen.frame not in FIXED_FRAMES]
     if not sensed:
         names = ", ".join(f"{seen.name} in {seen.frame}" for seen in found)
@@ -106,9 +106,9 @@ def read_bag_people(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
     return tuple(recordings)
 
 
-def _open(path: Path, tell: Callable[[float], None] = lambda share: None) -> tuple[FrameTree, list[Sighted]]:
+def _open(path: Path, report: Callable[[float], None] = lambda share: None) -> tuple[FrameTree, list[Sighted]]:
     """The frames of a bag, and possible heads of people, the likeliest and longest first; at least one."""
-    topics, messages = read_messages(path, tell)
+    topics, messages = read_messages(path, report)
     frames = FrameTree(messages)
     if found := people_in(frames, topics, messages):
         return frames, found

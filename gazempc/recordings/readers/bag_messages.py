@@ -61,13 +61,13 @@ def person_of_topic(topic: str) -> str | None:
 
 
 def read_messages(
-    path: Path, tell: Callable[[float], None] = lambda share: None
+    path: Path, report: Callable[[float], None] = lambda share: None
 ) -> tuple[Mapping[str, str], list[BagMessage]]:
     """Read the messages of a bag with positions of people.
 
     Args:
         path: Folder of the bag, or a file of it.
-        tell: Called with the share that is read, 0 to 1.
+        report: Called with the share that is read, 0 to 1.
 
     Returns:
         The type of each topic of the bag, by name; and frames, poses, points and lists of people, in the order of
@@ -97,7 +97,7 @@ def read_messages(
             total = max(1, sum(c.msgcount for c in wanted))
             # Without any connection, the library reads them all.
             for connection, received_ns, raw in reader.messages(wanted) if wanted else ():
-                tell(len(messages) / total)
+                report(len(messages) / total)
                 content = store.deserialize_cdr(raw, connection.msgtype)
                 messages.append(BagMessage(connection.topic, received_ns, content))
     except (OSError, SettingsError) as error:

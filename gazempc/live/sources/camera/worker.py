@@ -21,7 +21,7 @@ from gazempc.live.sources.camera.finder import FaceSensor
 from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
 from gazempc.live.sources.source import Notice, SourceError
 from gazempc.loop.events import Event
-from gazempc.parts import said
+from gazempc.parts import error_line
 from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
 from predictors import HeadObservation
 
@@ -159,7 +159,7 @@ def serve(
         except (BrokenPipeError, ConnectionError):
             raise
         except Exception as error:
-            parent.send(Failed(f"the process of the camera ended: {said(error)}"))
+            parent.send(Failed(f"the process of the camera ended: {error_line(error)}"))
     except (BrokenPipeError, ConnectionError):
         return  # the parent has ended
 
