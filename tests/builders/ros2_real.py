@@ -30,9 +30,9 @@ def rclpy_or_skip():
 
 
 def wait_for(condition, timeout_s=30.0, step=lambda: time.sleep(0.005), why="waited in vain"):
-    """What a condition gives, as soon as it is true."""
+    """The value of a condition once it is true; `why` is the message of a failure, or returns it then."""
     until = time.monotonic() + timeout_s
     while not (found := condition()):
-        assert time.monotonic() < until, why
+        assert time.monotonic() < until, why() if callable(why) else why
         step()
     return found

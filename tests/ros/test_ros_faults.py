@@ -43,13 +43,13 @@ class Watch:
             text = str(self.values())
             return all(word in text for word in words)
 
-        self.client.wait(told, timeout_s, why=f"{words}: {self.values()}")
+        self.client.wait(told, timeout_s, why=lambda: f"{words}: {self.values()}")
 
     def until_used(self, more=20, timeout_s=60.0):
         """Until more observations are used than before."""
         before = int(self.latest().get("used", 0))
         self.client.wait(
-            lambda: int(self.latest().get("used", 0)) >= before + more, timeout_s, why=f"not used: {self.latest()}"
+            lambda: int(self.latest().get("used", 0)) >= before + more, timeout_s, why=lambda: f"not used: {self.latest()}"
         )
 
 

@@ -29,6 +29,7 @@ _TF = "/tf"
 # Transforms between a tracker and the robot come from other nodes, which may be this much later.
 WAITS_S = 0.2
 # Nodes discover each other within less.
+_UNNAMED = "_NODE_NAME_UNKNOWN_"  # what rmw_dds_common returns for it
 _DISCOVERY_S = 3.0
 
 
@@ -115,7 +116,10 @@ class Ros2Source(ABC):
         self._watch_due_s = now_s + _DISCOVERY_S
         senders = {name: topic.senders for name, topic in self._watched.items()}
         silent = {name for name, nodes in senders.items() if not nodes}
+        # A new end is in the graph before the name of its node: the notice waits until every name is known.
+        unnamed = {name for name, nodes in senders.items() if any(_UNNAMED in node for node in nodes)}
         several = {name for name, nodes in senders.items() if len(nodes) > 1 and name != _TF}
+        several = several - unnamed | self._several & unnamed
         newly, twice = sorted(silent - self._silent), sorted(several - self._several)
         self._silent, self._several = silent, several
         notices: list[Notice] = []

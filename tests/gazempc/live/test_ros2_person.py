@@ -180,6 +180,11 @@ def test_several_senders_of_a_topic_are_named_once_and_again_after_one_was_gone(
         stage.announced("/tf", TF, node)
     stage.announced(TOPIC, POSE, "/new_tracker")
     assert found() == []
+    unnamed = "/_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # not discovered completely
+    stage.announced(TOPIC, POSE, unnamed)
+    assert found() == []
+    stage.gone(TOPIC)
+    stage.announced(TOPIC, POSE, "/new_tracker")
     stage.announced(TOPIC, POSE, "/old_tracker")
     (notice,) = found()
     assert all(name in notice.text for name in (TOPIC, "/new_tracker", "/old_tracker"))
