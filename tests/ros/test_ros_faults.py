@@ -49,7 +49,9 @@ class Watch:
         """Until more observations are used than before."""
         before = int(self.latest().get("used", 0))
         self.client.wait(
-            lambda: int(self.latest().get("used", 0)) >= before + more, timeout_s, why=lambda: f"not used: {self.latest()}"
+            lambda: int(self.latest().get("used", 0)) >= before + more,
+            timeout_s,
+            why=lambda: f"not used: {self.latest()}",
         )
 
 

@@ -28,8 +28,9 @@ _WAITING_MAX = 64
 _TF = "/tf"
 # Transforms between a tracker and the robot come from other nodes, which may be this much later.
 WAITS_S = 0.2
+# Name of a node that is not discovered completely, in rmw_dds_common.
+_UNNAMED = "_NODE_NAME_UNKNOWN_"
 # Nodes discover each other within less.
-_UNNAMED = "_NODE_NAME_UNKNOWN_"  # what rmw_dds_common returns for it
 _DISCOVERY_S = 3.0
 
 
