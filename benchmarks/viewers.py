@@ -62,8 +62,8 @@ def read_all(kind: str) -> None:
         with connect(f"ws://127.0.0.1:{PORT}", subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:  # type: ignore[list-item]
             while True:
                 message = socket.recv()
-                if isinstance(message, str) and (told := json.loads(message))["op"] == "advertise":
-                    ids = [{"id": each["id"], "channelId": each["id"]} for each in told["channels"]]
+                if isinstance(message, str) and (received := json.loads(message))["op"] == "advertise":
+                    ids = [{"id": each["id"], "channelId": each["id"]} for each in received["channels"]]
                     socket.send(json.dumps({"op": "subscribe", "subscriptions": ids}))
 
 

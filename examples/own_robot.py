@@ -34,7 +34,7 @@ class MyNeck:
         self.on_the_way = deque([self.joint_rad] * round(0.1 * neck.servo_rate_hz))
 
     def connect(self):
-        pass  # raise gazempc.errors.RobotError if nobody answers, and say what to check
+        pass  # raise gazempc.errors.RobotError if it does not answer, with what to check
 
     def read_state(self):
         return gz.JointState(self.clock_s(), self.joint_rad + self.offset_rad, self.joint_rad_s)

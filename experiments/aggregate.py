@@ -67,8 +67,8 @@ def sensors_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
 
 def file_name(figure: str, *parts: str) -> str:
     """Name of a PNG file from what it shows and further parts, such as a sensor."""
-    told = "_".join([figure, *parts])
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in told) + ".png"
+    file_name = "_".join([figure, *parts])
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in file_name) + ".png"
 
 
 LABEL_COLUMNS = (
@@ -110,7 +110,7 @@ def bootstrap_mean(values: Sequence[float], people: Sequence[str]) -> tuple[floa
         people: Who walked in each clip, shape (N,).
 
     Returns:
-        Mean, lower and upper end (NaN without values; the ends are NaN with one person, where nothing can be said).
+        Mean, lower and upper end (NaN without values; the ends are NaN with one person, where there is no spread).
     """
     known = [(value, person) for value, person in zip(values, people, strict=True) if math.isfinite(value)]
     if not known:

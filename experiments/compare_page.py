@@ -82,12 +82,12 @@ def _answers(rows: Sequence[Row]) -> Iterator[str]:
     overall = [row for row in rows if (row["group"], row["kind"]) == ("all", "all")]
     several = len({row["predictor"] for row in overall if row["predictor"] != "perfect"}) > 1
     for sensor, neck in dict.fromkeys((row["sensor"], row["neck"]) for row in overall):
-        said = []
+        contacts = []
         for row in overall:
             if (row["sensor"], row["neck"]) == (sensor, neck) and row["eye_contact_2p6"] is not None:
                 forecast = f" ({row['predictor']})" if several and row["predictor"] != "perfect" else ""
-                said.append(f"{label(row['controller'])}{forecast} {100.0 * row['eye_contact_2p6']:.1f} %")
-        yield f"Time with eye contact (2.6 deg), neck {neck}, sensor {sensor}: {', '.join(said)}."
+                contacts.append(f"{label(row['controller'])}{forecast} {100.0 * row['eye_contact_2p6']:.1f} %")
+        yield f"Time with eye contact (2.6 deg), neck {neck}, sensor {sensor}: {', '.join(contacts)}."
 
 
 def _tables(summary: Row) -> Iterator[PageTable]:

@@ -55,24 +55,26 @@ class BoundJob:
         """Group, RMS gaze error of each of `CONTROLLERS`, and the least one (``bound``), degrees."""
         scene = make_scene(self.recording, self.scene, self.neck, self.sensor)
         row: Row = {"group": scene.walk.labels.group}
-        told_s = math.inf
+        first_observation_s = math.inf
         settings = ReplaySettings(walker=self.walker)
         for controller in CONTROLLERS:
             log, _ = replay_scene(scene, controller, settings.predictor, settings)
             row[controller] = measure(log).gaze_error_rms_deg
             moving = np.flatnonzero(np.any(log.command_position_rad != log.command_position_rad[0], axis=1))
-            told_s = min(told_s, float(log.time_s[moving[0]])) if moving.size else told_s
-        return row | {"bound": least_error_deg(log, told_s)}
+            first_observation_s = (
+                min(first_observation_s, float(log.time_s[moving[0]])) if moving.size else first_observation_s
+            )
+        return row | {"bound": least_error_deg(log, first_observation_s)}
 
 
-def least_error_deg(log: Log, told_s: float) -> float:
+def least_error_deg(log: Log, first_observation_s: float) -> float:
     """The least RMS gaze error of a neck with the log's limits, dead time, servo and start, scored as all runs are.
 
     See the module for what is left out.
 
     Args:
         log: A run; only where the person is, and where the joint starts, are taken from it.
-        told_s: Time of the first observation, seconds; before it the command is constant.
+        first_observation_s: Time of the first observation, seconds; before it the command is constant.
 
     Returns:
         RMS gaze error, degrees.
@@ -99,7 +101,7 @@ def least_error_deg(log: Log, told_s: float) -> float:
     most = np.repeat([0.0, *most_motion], [2 * (n - 1), n + 2, n + 1, n])
     low, high = np.full((3, n), -np.inf), np.full((3, n), np.inf)
     low[0], high[0] = limits.position_min_rad[0], limits.position_max_rad[0]
-    before = log.time_s < told_s - 1e-9
+    before = log.time_s < first_observation_s - 1e-9
     low[0, before] = high[0, before] = low[1, 0] = high[1, 0] = start
     low[2, 0] = high[2, 0] = 0.0
     # A bound has to allow for a gaze that gives up what is not scored; a thousandth of it keeps the program regular.

@@ -164,8 +164,8 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
     survived = {name: faults(log) for name, log in logs.items()}
     noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
     against = truth_of(walk.kind)
-    said = _notes(next(iter(logs.values()))) + _margins(settings, neck)
-    notes = [*walk.notes, *said]
+    noted = _notes(next(iter(logs.values()))) + _margins(settings, neck)
+    notes = [*walk.notes, *noted]
     about = {
         "recording": walk.name,
         "kind": walk.kind,
@@ -178,8 +178,8 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
     }
     write_summary(out / "summary.json", about, [r.first for r in repeats])
 
-    print(f"{_heading(settings, scene)}\n{done.said}")
-    for note in said:
+    print(f"{_heading(settings, scene)}\n{done.seeds_note}")
+    for note in noted:
         print(f"Note: {note}")
     print(f"\n{table(repeats, neck, against)}\n\n{sentence(repeats)}\n")
     for name, log in logs.items():
@@ -195,7 +195,7 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
     try:
         if done.interrupted:
             raise done.interrupted
-        progress.say("writing the report")
+        progress.begin("writing the report")
         drawn = _draw(logs, out) if settings.figures else []
         report = _report(logs, repeats, [*notes, *other_seeds], out, drawn, command, shown)
     except Interrupted as stop:

@@ -15,7 +15,7 @@ from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture
 from gazempc.types import FloatArray
 
 _FRAME_S = 1 / 30
-# Pictures are told apart by their grey, which JPEG keeps to one or two of these steps of 12.
+# Pictures are distinguished by their grey, which JPEG keeps to one or two of these steps of 12.
 _GREYS = 20
 _GREY_STEP = 12
 

@@ -186,7 +186,7 @@ def options_of(controller: str, predictor: str, options: Mapping[str, Any]) -> d
 def name_parts(rows: Iterable[Row], part: str) -> None:
     """Put the names that parts have into rows, in place of ``module:Class``.
 
-    Two parts of the same name keep ``module:Class``, to be told apart.
+    Two parts of the same name keep ``module:Class``, to be distinct.
 
     Args:
         rows: Rows with a choice under `part` if it matters, and the part's name under ``<part>_name`` if the run is

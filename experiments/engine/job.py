@@ -85,8 +85,8 @@ def key_of(job: Job, **contents: Any) -> str:
     Returns:
         The key, fit for a file name.
     """
-    told = [type(job).__qualname__, {**to_jsonable_python(job), **contents}, program_hash()]
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:20]
+    contents_of_job = [type(job).__qualname__, {**to_jsonable_python(job), **contents}, program_hash()]
+    return hashlib.sha256(json.dumps(contents_of_job, sort_keys=True).encode()).hexdigest()[:20]
 
 
 @lru_cache(maxsize=1)

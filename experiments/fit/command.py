@@ -107,8 +107,8 @@ def _fit(settings: FitSettings) -> WalkerModel:
     for person, model in zip(left_out, models, strict=True):
         # A person left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
-        told = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
-        fitted = replace(model, **vars(fit_doubt([found[k] for k in used])), about=told)
+        described = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
+        fitted = replace(model, **vars(fit_doubt([found[k] for k in used])), about=described)
         _save_whole(fitted, settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
     for path in folder.glob("*.npz"):
         if path.stem not in names:

@@ -96,8 +96,8 @@ def _answers(overall: Sequence[_Row]) -> Iterator[str]:
     for sensor, cues, horizon_s in dict.fromkeys((r["sensor"], r["cues"], r["horizon_s"]) for r in overall):
         here = [r for r in overall if (r["sensor"], r["cues"], r["horizon_s"]) == (sensor, cues, horizon_s)]
         known = sorted((r for r in here if r["error_true_mm"] is not None), key=lambda r: float(r["error_true_mm"]))
-        said = ", ".join(f"{r['predictor']} {r['error_true_mm']:.0f} mm" for r in known)
-        yield f"Mean error {horizon_s:g} s ahead, sensor {sensor}, cues {cues}: {said}."
+        errors = ", ".join(f"{r['predictor']} {r['error_true_mm']:.0f} mm" for r in known)
+        yield f"Mean error {horizon_s:g} s ahead, sensor {sensor}, cues {cues}: {errors}."
 
 
 def _over_horizon(overall: Sequence[_Row]) -> Iterator[Chart]:

@@ -162,7 +162,7 @@ def _hypotheses(people: Mapping[str, PersonTest]) -> list[dict[str, str]]:
         if abs(test.difference_mm) < _NEGLIGIBLE_MM:
             answer = "no different"
         elif test.smallest_p > SIGNIFICANCE_LEVEL:
-            answer = f"cannot be told: the smallest p value of so few people ({test.n_people}) is {test.smallest_p:.2g}"
+            answer = f"undecided: the smallest p value of so few people ({test.n_people}) is {test.smallest_p:.2g}"
         elif claim == "better" and test.p_better < SIGNIFICANCE_LEVEL:
             answer = "better"
         elif test.p_two_sided < SIGNIFICANCE_LEVEL:

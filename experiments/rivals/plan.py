@@ -22,7 +22,7 @@ ALL_STILL, ALL_WALKS = "still", "walks"
 _COMBINED = {ALL_STILL: STILL, ALL_WALKS: WALKS}
 # Of the time: a smaller difference of eye contact is not visible.
 _LEVEL = 0.01
-# Our gaze unless told otherwise, and by how much less eye contact a rival has than it, clip by clip.
+# Our gaze by default, and by how much less eye contact a rival has than it, clip by clip.
 OUR_DEFAULT, BEHIND = "mpc", "eye_contact_behind_mpc"
 _LABELS = ("rival", "trial", "neck", "sensor")
 

@@ -63,11 +63,13 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
         chosen = [[r for r in own if r[x] == tick] for tick in at]
         means = [bootstrap_mean([r[metric] for r in part], [str(r["subject"]) for r in part]) for part in chosen]
         mean, low, high = np.reshape(means, (-1, 3)).T
-        label = said(one) if by == "case" or len({case for case, _ in series}) == 1 else f"{case}, {said(one)}"
+        label = (
+            value_text(one) if by == "case" or len({case for case, _ in series}) == 1 else f"{case}, {value_text(one)}"
+        )
         places = np.array(at if numeric else [ticks.index(tick) for tick in at], dtype=np.float64)
         lines.append(Line(label, _colour(rows, by, one, i, case), places, mean, np.stack([low, high], axis=1)))
     title = f"{with_unit(metric)} over {with_unit(x)}"
-    names = () if numeric else tuple(map(said, ticks))
+    names = () if numeric else tuple(map(value_text, ticks))
     return Plot(title, with_unit(x), with_unit(metric), tuple(lines), with_unit(by), names)
 
 
@@ -79,14 +81,16 @@ def _pareto(plan: SweepPlan, table: Sequence[Row], x: str, y: str, by: str) -> P
         front = pareto_front(chosen, objectives)
         points, every = (np.array([(r[x], r[y]) for r in part], float).reshape(-1, 2) for part in (front, chosen))
         names = tuple(point_name(plan, row) for row in front)
-        lines.append(Line(said(one), _colour(table, by, one, i), points[:, 0], points[:, 1], names=names, beside=every))
+        lines.append(
+            Line(value_text(one), _colour(table, by, one, i), points[:, 0], points[:, 1], names=names, beside=every)
+        )
     title = f"{with_unit(y)} against {with_unit(x)}: Pareto fronts"
     return Plot(title, with_unit(x), with_unit(y), tuple(lines), with_unit(by))
 
 
 def point_name(plan: SweepPlan, row: Row) -> str:
     """The settings of a point that vary."""
-    varied = (f"{with_unit(name)} {said(row[name])}" for name in plan.spec.varied() if row[name] is not None)
+    varied = (f"{with_unit(name)} {value_text(row[name])}" for name in plan.spec.varied() if row[name] is not None)
     return ("" if row["case"] == plan.spec.name else f"{row['case']}: ") + ", ".join(varied)
 
 
@@ -107,6 +111,6 @@ def _colour(rows: Sequence[Row], by: str, one: Any, index: int, case: str | None
     return COLOURS[index % len(COLOURS)]
 
 
-def said(value: Any) -> str:
+def value_text(value: Any) -> str:
     """A value as text."""
     return CONTROLLER_LABELS.get(value, f"{value:g}" if isinstance(value, float) else str(value))

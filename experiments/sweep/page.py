@@ -8,7 +8,7 @@ from pathlib import Path
 from experiments.engine.job import Row
 from experiments.pages import failures, left_out, survived
 from experiments.plots import Plot
-from experiments.sweep.figures import distinct, point_name, recorded_or_synthetic, said
+from experiments.sweep.figures import distinct, point_name, recorded_or_synthetic, value_text
 from experiments.sweep.names import with_unit
 from experiments.sweep.plan import SweepPlan
 from experiments.sweep.tables import means_table
@@ -48,7 +48,7 @@ def sweep_page(
         setup={
             "recordings": f"{recorded_or_synthetic(plan)} of {people} {'people' if people > 1 else 'person'}",
             "varied": "; ".join(
-                f"{with_unit(name)}: {', '.join(map(said, distinct(rows, name)))}" for name in plan.spec.varied()
+                f"{with_unit(name)}: {', '.join(map(value_text, distinct(rows, name)))}" for name in plan.spec.varied()
             ),
             "fixed": ", ".join(f"{with_unit(name)} {value}" for name, value in plan.spec.base.items()) or "defaults",
             "runs": str(summary["n_runs"]),

@@ -187,7 +187,7 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
     written = [] if settings.from_log is not None else [settings.out.with_suffix(".npz")]
     failed = f", {taken.failed_reads} reads failed" if taken.failed_reads else ""
     print(f"{origin}: {taken.command_time_s.size} commands, {taken.joint_time_s.size} readings{failed}")
-    progress.say("fitting")
+    progress.begin("fitting")
     estimates, refusals = _estimate(taken, settings)
 
     # Matplotlib is imported only here, so that --help and bad input answer at once.
@@ -197,7 +197,7 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
         print(f"\n{table(estimates, neck)}\n\n± is half the 95 % confidence interval.")
         for note in (estimate.note for estimate in estimates if estimate.note and not estimate.doubts):
             print(f"Note: {note}.")
-        progress.say("drawing")
+        progress.begin("drawing")
         draw(taken, estimates, f"Identified from {origin}: measured against model", settings.out.with_suffix(".png"))
         written.append(settings.out.with_suffix(".png"))
     if settings.from_log is not None:
@@ -265,7 +265,7 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
         assert start_rad is not None
         go_in(robot, neck, clock, start_rad, never)
         excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
-        progress.say(f"moving the neck for {excitation.duration_s:.0f} s")
+        progress.begin(f"moving the neck for {excitation.duration_s:.0f} s")
         about = {
             "from": f"robot {name}",
             "date": datetime.date.today().isoformat(),

@@ -105,7 +105,7 @@ class Arrivals:
     def _sort(self, arrived: Arrived, now_s: float, recorder: LoopRecorder) -> None:
         """Put what has arrived where it belongs."""
         for cue in arrived.cues:
-            self._cues.tell(cue)
+            self._cues.put(cue)
         self._waiting += arrived.sightings
         while len(self._waiting) > self._newest:
             self._waiting.popleft()

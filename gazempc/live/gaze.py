@@ -185,7 +185,7 @@ class Gaze:
         Args:
             azimuth_rad: Direction of the sound in the base frame, radians, positive to the left.
         """
-        self._setup.cues.tell(Sound(0.0, azimuth_rad))
+        self._setup.cues.put(Sound(0.0, azimuth_rad))
 
     def think(self, lasts_s: float = 1.5) -> None:
         """Look away as people do who think, as soon as the neck can; needs ``attend`` or ``look_away``.
@@ -193,7 +193,7 @@ class Gaze:
         Args:
             lasts_s: For how long there is no contact, seconds.
         """
-        self._setup.cues.tell(Thinking(lasts_s))
+        self._setup.cues.put(Thinking(lasts_s))
 
     def speech_starts(self, in_s: float) -> None:
         """Hold the floor before an utterance: look away, and be back as it starts.
@@ -201,7 +201,7 @@ class Gaze:
         Args:
             in_s: Time until then, seconds; from 2 s on there is time to look away.
         """
-        self._setup.cues.tell(Speech(in_s))
+        self._setup.cues.put(Speech(in_s))
 
     def glance(self, target_base_m: Any, lasts_s: float = 1.0) -> None:
         """Glance at an object.
@@ -213,9 +213,7 @@ class Gaze:
         Raises:
             ValueError: If it is no position.
         """
-        self._setup.cues.tell(
-            Glance(checked("target_base_m", target_base_m, (3,), "metres in the base frame"), lasts_s)
-        )
+        self._setup.cues.put(Glance(checked("target_base_m", target_base_m, (3,), "metres in the base frame"), lasts_s))
 
     def look_away(self, rhythm: LookAwayMode) -> None:
         """Look away by another rhythm from now on.
@@ -223,7 +221,7 @@ class Gaze:
         Args:
             rhythm: ``listening``, ``speaking``, or ``told`` for none.
         """
-        self._setup.cues.tell(Rhythm(rhythm))
+        self._setup.cues.put(Rhythm(rhythm))
 
     def attend_to(self, person_id: str | None) -> None:
         """Look at one person among several, as long as they are there, whatever the policy prefers; needs ``attend``.
@@ -231,7 +229,7 @@ class Gaze:
         Args:
             person_id: The tracker's name; None to follow the policy again.
         """
-        self._setup.cues.tell(Choice(person_id))
+        self._setup.cues.put(Choice(person_id))
 
     def point(
         self, target_base_m: Any | None, min_duration_s: float = 0.0, max_velocity_rad_s: float = math.inf

@@ -115,13 +115,13 @@ class AttentionOutlet:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Report the end, and send what is left."""
-        self.tell(self._clock.now_s(), AttentionState(why="ended"))
+        self.report(self._clock.now_s(), AttentionState(why="ended"))
         self._queue.put(None)
         self._thread.join(_LAST_SENT_S)
         if not self._thread.is_alive():
             self._open.close()
 
-    def tell(self, now_s: float, state: AttentionState) -> Sequence[Exception]:
+    def report(self, now_s: float, state: AttentionState) -> Sequence[Exception]:
         """Report whom the robot looks at; returns at once, and sends a line where something has changed.
 
         Args:
@@ -155,7 +155,7 @@ def line_of(state: AttentionState, now_s: float, offset_s: float) -> str:
     Returns:
         The fields of the state, with ``time_s``; times are Unix time.
     """
-    said = {"time_s": now_s, **asdict(state)}
+    fields = {"time_s": now_s, **asdict(state)}
     for name in ("time_s", *_TIMES):
-        said[name] = None if said[name] is None else round(said[name] + offset_s, 4)
-    return json.dumps(said)
+        fields[name] = None if fields[name] is None else round(fields[name] + offset_s, 4)
+    return json.dumps(fields)

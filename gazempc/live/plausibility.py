@@ -78,7 +78,7 @@ def _of_unit(range_m: float, mount: Mount, hints: SetupHints) -> Finding:
 
 
 def _of_axes(turned_m: FloatArray, elevation_deg: float, hints: SetupHints) -> Finding:
-    said = f"the head is {abs(elevation_deg):.0f} deg {'above' if elevation_deg > 0 else 'below'} the sensor's x axis"
+    place = f"the head is {abs(elevation_deg):.0f} deg {'above' if elevation_deg > 0 else 'below'} the sensor's x axis"
     axes = _named_axes(turned_m)
     looks = {
         # A head straight ahead leaves the sign of y open.
@@ -87,7 +87,7 @@ def _of_axes(turned_m: FloatArray, elevation_deg: float, hints: SetupHints) -> F
         None: "check the tracker's axes and how the sensor is turned",
     }[axes]
     named = hints.setting("mount", "axes", axes or "NAME")
-    return Finding(Event.WRONG_AXES, f"{said}: {named}, it {looks}" if axes else f"{said}: {looks} ({named})")
+    return Finding(Event.WRONG_AXES, f"{place}: {named}, it {looks}" if axes else f"{place}: {looks} ({named})")
 
 
 def _named_axes(turned_m: FloatArray) -> Literal["optical", "opengl"] | None:
@@ -301,7 +301,7 @@ class Watch:
         self._settings, self._hints, self._several = settings, hints, several
         self._frames: deque[Frame] = deque(maxlen=_FRAMES_MAX)
         self._due_s: float | None = None
-        self._said: set[Event] = set()
+        self._reported: set[Event] = set()
 
     def see(self, frame: Frame) -> None:
         """Take note of a frame, used or not."""
@@ -320,8 +320,8 @@ class Watch:
         self._due_s = now_s + _AGAIN_AFTER_S
         while self._frames and self._frames[0].arrival_s < now_s - _RATE_WINDOW_S:
             self._frames.popleft()
-        found = [each for each in self._judge(now_s) if each.event not in self._said]
-        self._said.update(each.event for each in found)
+        found = [each for each in self._judge(now_s) if each.event not in self._reported]
+        self._reported.update(each.event for each in found)
         return found
 
     def _judge(self, now_s: float) -> list[Finding]:

@@ -111,7 +111,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     feed = start_viewers(settings, setup)
     listeners = [status.take] if feed is None else [status.take, feed.take]
     kept = KeptLogs(settings, neck, None if feed is None else feed.kept)
-    run = LiveRun(setup, kept.keep, listeners, None if outlet is None else outlet.tell)
+    run = LiveRun(setup, kept.keep, listeners, None if outlet is None else outlet.report)
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
     for note in (*setup.notes, *(() if feed is None else feed.notes)):
         print(f"  {note}", flush=True)

@@ -132,7 +132,7 @@ class StatusLine:
         state, neck = status.state, self._neck
         eye_m, direction = gaze_ray(neck.geometry, state.joints_rad)
         _, aim = gaze_ray(neck.geometry, state.command_rad)
-        person = "nobody seen yet"
+        person = "no person seen yet"
         if state.capture_time_s is not None and state.head_base_m is not None:
             age_s = state.time_s - state.capture_time_s
             seen = "lost, last seen" if age_s > self._lost_after_s else "seen"

@@ -216,8 +216,8 @@ def last_line(summary: dict[str, Any]) -> str:
     reasons = [
         f"{count} {_REASONS.get(name, name)}{_clock_hint(name, summary)}" for name, count in summary["refused"].items()
     ]
-    said = f"{summary['used']} of {summary['observations']} used"
-    return f"{said}: {', '.join(reasons)}" if reasons else said
+    counts = f"{summary['used']} of {summary['observations']} used"
+    return f"{counts}: {', '.join(reasons)}" if reasons else counts
 
 
 def _clock_hint(name: str, summary: dict[str, Any]) -> str:

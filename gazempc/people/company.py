@@ -118,7 +118,7 @@ class Cues:
     def __init__(self) -> None:
         self._waiting: deque[Cue] = deque(maxlen=_WAITING_MAX)
 
-    def tell(self, cue: Cue) -> None:
+    def put(self, cue: Cue) -> None:
         """Hand one over, from any thread.
 
         Args:

@@ -55,11 +55,13 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
         if array.size and array.dtype.kind != _KINDS.get(name, "f"):
             raise _damaged(path, name, f"it holds {array.dtype}")
         if array.ndim != len(axes):
-            raise _damaged(path, name, f"its shape is {array.shape}, expected {_said(axes)}")
+            raise _damaged(path, name, f"its shape is {array.shape}, expected {_shape_text(axes)}")
         for axis, length in zip(axes, array.shape, strict=True):
             known = axis if isinstance(axis, int) else counts.setdefault(axis, length)
             if length != known:
-                raise _damaged(path, name, f"its shape is {array.shape}, expected {_said(axes)} with {axis} = {known}")
+                raise _damaged(
+                    path, name, f"its shape is {array.shape}, expected {_shape_text(axes)} with {axis} = {known}"
+                )
         may_be_infinite = name == "forecast_degrees_of_freedom"  # of a normal distribution
         if array.dtype.kind == "f" and not may_be_infinite and (np.abs(array) > _LARGEST).any():
             raise _damaged(path, name, f"it has values beyond {_LARGEST:g}")
@@ -75,7 +77,7 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
         raise _damaged(path, "joint_time_s", f"a time is more than {_LONGEST_GAP_S:g} s from all ticks")
 
 
-def _said(axes: tuple[str | int, ...]) -> str:
+def _shape_text(axes: tuple[str | int, ...]) -> str:
     return f"({', '.join(map(str, axes))})"
 
 

@@ -147,7 +147,7 @@ class Transforms:
             self._note(child, (time_s, numbers))
         return time_s
 
-    def knows(self, frame: str) -> bool:
+    def has(self, frame: str) -> bool:
         """Whether a transform of a frame has come."""
         return frame in self._parent
 

@@ -30,7 +30,7 @@ class Repeated:
         first: The replays under the first seed, by a name of the controller that fits a file and is there once.
         repeats: The figures of each controller, in the same order.
         faults: Exceptions that runs survived, by seed, then by the same names; only where there are some.
-        said: Number of noise seeds and the reason, as a sentence.
+        seeds_note: Number of noise seeds and the reason, as a sentence.
         interrupted: The signal that ended the repetitions before all were done.
         plans: The plans of the replays under the first seed, by the names of `first`; a log does not hold them.
     """
@@ -38,7 +38,7 @@ class Repeated:
     first: dict[str, Replayed]
     repeats: list[Repeats]
     faults: dict[int, dict[str, list[dict[str, Any]]]]
-    said: str
+    seeds_note: str
     plans: dict[str, list[PlanMoment]]
     interrupted: Interrupted | None = None
 
@@ -81,7 +81,7 @@ def replay_repeatedly(
             if count is None and done and (time.monotonic() - started_s) * (done + 1) / done > PATIENCE_S:
                 reason = f"as many as fit into {PATIENCE_S:.0f} s: --noise-seeds N for more"
                 break
-            progress.say(f"replaying {scene.walk.name}, noise seed {seed}")
+            progress.begin(f"replaying {scene.walk.name}, noise seed {seed}")
             replayed, planned = {}, []
             _name(replayed, _replays(replace(scene, seed=seed), settings, controllers, progress, planned))
             if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
@@ -97,7 +97,7 @@ def replay_repeatedly(
             first, plans = replayed, dict(zip(replayed, planned, strict=False))
             rounds.append(_rows(replayed, scene.neck.control_period_s))
     seeds = tuple(range(scene.seed, scene.seed + len(rounds)))
-    return Repeated(first, by_controller(seeds, rounds), survived, _said(seeds, reason), plans, interrupted)
+    return Repeated(first, by_controller(seeds, rounds), survived, _seeds_note(seeds, reason), plans, interrupted)
 
 
 def _replays(
@@ -144,7 +144,7 @@ def _figures(rows: Sequence[Row]) -> str:
     return repr([(row.controller, row.metrics) for row in rows])
 
 
-def _said(seeds: Sequence[int], reason: str) -> str:
+def _seeds_note(seeds: Sequence[int], reason: str) -> str:
     why = f" ({reason})" if reason else ""
     if len(seeds) == 1:
         return f"one seed of the noise, {seeds[0]}{why}"

@@ -29,22 +29,22 @@ def perfect(neck, recording, start_offset_deg=0.0):
 
 
 def test_a_neck_that_can_keep_up_need_not_err():
-    log, told_s = perfect("reference", "subject03_R1")
-    assert least_error_deg(log, told_s) < 0.02
+    log, first_observation_s = perfect("reference", "subject03_R1")
+    assert least_error_deg(log, first_observation_s) < 0.02
 
 
 @pytest.mark.parametrize(("recording", "start_offset_deg"), [("subject01_R1", -30.0), ("subject03_R4", 60.0)])
 def test_where_limits_bind_perfect_foresight_is_little_above_the_least_error(recording, start_offset_deg):
     """The MPC with the true future is another program by another solver: near, and never below."""
-    log, told_s = perfect("slow", recording, start_offset_deg)
-    error_deg, least_deg = measure(log).gaze_error_rms_deg, least_error_deg(log, told_s)
+    log, first_observation_s = perfect("slow", recording, start_offset_deg)
+    error_deg, least_deg = measure(log).gaze_error_rms_deg, least_error_deg(log, first_observation_s)
     assert error_deg > 1.0
     assert 0.95 * error_deg < least_deg < error_deg
 
 
 def test_who_is_told_later_errs_more():
-    log, told_s = perfect("slow", "subject03_R4", 60.0)
-    assert least_error_deg(log, told_s + 0.2) > least_error_deg(log, told_s) + 0.5
+    log, first_observation_s = perfect("slow", "subject03_R4", 60.0)
+    assert least_error_deg(log, first_observation_s + 0.2) > least_error_deg(log, first_observation_s) + 0.5
 
 
 @pytest.mark.slow

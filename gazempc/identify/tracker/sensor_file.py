@@ -216,19 +216,19 @@ def identify_tracker(path: Path, person: str | None, out: Path, progress: Progre
         path: Recording: table, lines of JSON or folder of a bag.
         person: The tracker's name of the person; None: who has the longest track.
         out: TOML file to write.
-        progress: Says how far it is.
+        progress: Reports of the work.
 
     Raises:
         RecordingError: If the recording cannot be read.
         SettingsError: If there is no such person.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
-    progress.say(f"reading {path}")
+    progress.begin(f"reading {path}")
     track = read_track(path, person, progress.at)
     print(f"{path.name}: {track.person}, {track.times_s.size} frames")
     for note in track.notes:
         print(f"  {note}")
-    progress.say("fitting")
+    progress.begin("fitting")
     errors = measure_tracker(track, progress.at)
     print(f"\n{table(errors)}\n\n± is one standard deviation.")
     for warning in warnings(errors):

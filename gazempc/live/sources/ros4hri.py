@@ -204,7 +204,7 @@ class HeadFrames:
             return False
         kind, part_id = _kind_and_id(name)
         # Of a skeleton with a head the hips are of no use.
-        counts = kind != "body" or not self._transforms.knows(f"head_{part_id}")
+        counts = kind != "body" or not self._transforms.has(f"head_{part_id}")
         return counts and self._is_tracked(kind, part_id)
 
     def _seen_from(self, name: str) -> str:

@@ -44,7 +44,7 @@ def test_a_line_at_each_change_and_one_at_the_end():
     sink = Gathered()
     with AttentionOutlet(sink, SimulatedClock()) as outlet:
         for time_s, state in ((2.0, ANNA), (2.1, ANNA), (2.5, AWAY), (4.0, ANNA)):
-            assert outlet.tell(time_s, state) == []
+            assert outlet.report(time_s, state) == []
     assert sink.closed
     assert sink.lines[0] == {
         "time_s": 2.0,
@@ -69,10 +69,10 @@ def test_a_line_at_each_change_and_one_at_the_end():
 def test_what_cannot_be_written_is_said_and_the_next_line_is_tried():
     sink = Gathered(fails=[True])
     with AttentionOutlet(sink, SimulatedClock()) as outlet:
-        outlet.tell(2.0, ANNA)
-        failed = wait_for(lambda: outlet.tell(2.0, ANNA))
+        outlet.report(2.0, ANNA)
+        failed = wait_for(lambda: outlet.report(2.0, ANNA))
         assert [str(each) for each in failed] == ["No space left on device"]
-        assert outlet.tell(2.5, AWAY) == []
+        assert outlet.report(2.5, AWAY) == []
     assert [each["why"] for each in sink.lines] == ["policy", "ended"]
 
 
@@ -101,7 +101,7 @@ def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
     setup = build(session.parse([*words, "--controller", "lookahead", "--predictor", "constant_velocity"]))
     sink, logs = Gathered(fails=[False, True]), []
     with AttentionOutlet(sink, setup.clock) as outlet:
-        run = LiveRun(setup, lambda log, _: logs.append(log), attention=outlet.tell)
+        run = LiveRun(setup, lambda log, _: logs.append(log), attention=outlet.report)
         run.run(threading.Event())
     assert [each["why"] for each in sink.lines] == ["nobody", "ended"]
     assert run.logs.events["attention_not_sent"] == 1

@@ -28,7 +28,7 @@ class Program:
     def __init__(self, *arguments):
         command = [sys.executable, "-m", "gazempc.live", "--no-figures", *map(str, arguments)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        self.said = b""
+        self.printed = b""
 
     def __enter__(self):
         return self
@@ -41,13 +41,13 @@ class Program:
 
     def until_it_runs(self):
         """It says so when it begins."""
-        while b"Ctrl-C stops" not in self.said:
+        while b"Ctrl-C stops" not in self.printed:
             ready, _, _ = select.select([self.process.stdout], [], [], FOREVER_S)
             chunk = self.process.stdout.read1() if ready else b""
             if not chunk:
                 self.process.kill()  # else its errors would never end
                 raise AssertionError(self.process.stderr.read().decode())
-            self.said += chunk
+            self.printed += chunk
 
     def walk(self, seconds, rate_hz=30, stamp=lambda: time.time() - 0.03, unit_m=1.0):
         """Somebody walks by, in real time."""
@@ -61,7 +61,7 @@ class Program:
 
     def end(self):
         out, err = self.process.communicate(timeout=FOREVER_S)
-        return (self.said + out).decode(), err.decode()
+        return (self.printed + out).decode(), err.decode()
 
     def until_it_takes_signals(self):
         """Early in its start: the first thing that it does."""

@@ -53,7 +53,7 @@ def test_a_point_in_the_frame_of_a_camera_is_glanced_at_where_it_was(stage):
     left = [Rotation.from_euler("z", deg, degrees=True).as_quat(scalar_first=True) for deg in (30.0, 90.0)]
     for quat, at_s in zip(left, (NOW_S - 0.2, NOW_S - 0.1), strict=True):
         stage.tf(transform("head", [0.0, 0.0, 1.0], quat, "base_link", at_s))
-    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("head"))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.has("head"))
     for at_s, azimuth in ((NOW_S - 0.15, math.radians(60.0)), (None, math.radians(90.0))):
         stage.put("/pointing", POINT, point(OPTICAL, [0.0, 0.5, 2.0], at_s))
         (glance,), problems = told(source)
@@ -115,7 +115,7 @@ def test_speech_heard_by_a_head_that_is_turned(stage):
     assert "/heard: tf has no path from 'microphones' to 'base_link'" in problem
     quat = Rotation.from_euler("z", -50.0, degrees=True).as_quat(scalar_first=True)
     stage.tf(transform("microphones", [0, 0, 1], quat, "base_link"))
-    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("microphones"))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.has("microphones"))
     stage.put("/heard", INT, make_message(INT, data=20))
     (sound,), _ = told(source)
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20 - 50 + 10)

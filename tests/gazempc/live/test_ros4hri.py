@@ -87,7 +87,7 @@ def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_with_its_frames(
     source = opened(stage, "base_link")
     camera = [transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S + s) for s in sent_s]
     stage.tf(*camera, transform("face_a", [1.0, 0.0, 0.0]))
-    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("face_a"))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.has("face_a"))
     stage.now_s += 0.25
     _, (problem,) = polled(source, 1)
     assert all(name in problem for name in ("/tf, face_a: ", *names))
@@ -185,7 +185,7 @@ def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
     heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"), lambda: source._ids.person("body", "b"))
     heard(source, stage, BODIES, IDS, tracked("b"), lambda: source._ids.is_tracked("body", "b"))
     stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
-    wait_for(lambda: source.poll() is not None and source._tf.transforms.knows("head_b"))
+    wait_for(lambda: source.poll() is not None and source._tf.transforms.has("head_b"))
     for at_s in (NOW_S - 0.1, NOW_S - 0.05):
         stage.tf(
             transform("p_head_b", [0.0, 0.0, 0.2], frame_id="torso_b", at_s=at_s),

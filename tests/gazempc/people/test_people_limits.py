@@ -85,7 +85,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
         if index % 7 == 0:
             arrived = list(seen_at(rng, time_s, places_m + time_s * speeds_m_s, ["a", "b", None]))
         if rng.random() < 0.01:
-            cues.tell(told[rng.integers(len(told))])
+            cues.put(told[rng.integers(len(told))])
         loop.tick(index, time_s, arrived)
     log, _ = recorder.finish(run_info(NECK), lambda times_s: np.full((times_s.size, 3), np.nan))
     assert limit_violations(log, NECK) == 0

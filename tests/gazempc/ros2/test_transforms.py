@@ -86,4 +86,4 @@ def test_time_that_begins_again_and_frames_that_nobody_tells_any_more():
         take(tree, "base", "head", [at_s, 0.0, 0.0], [0.0] * 3, at_s)
     np.testing.assert_allclose(tree.pose("head", "base", UNIX_START_S + 5.5)[:3, 3], [5.5, 0.0, 0.0], atol=1e-6)
     take(tree, "base", "head", [1.0, 0.0, 0.0], [0.0] * 3, 90.0)
-    assert (tree.knows("head"), tree.knows("gone")) == (True, False)
+    assert (tree.has("head"), tree.has("gone")) == (True, False)

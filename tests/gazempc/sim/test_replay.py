@@ -91,7 +91,7 @@ def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
         if seed == 3:
             np.testing.assert_array_equal(done.first["lookahead"].log.joint_position_rad, log.joint_position_rad)
     assert done.repeats[0].seeds == (3, 4)
-    assert "over 2 seeds of the noise, 3 to 4; " in done.said
+    assert "over 2 seeds of the noise, 3 to 4; " in done.seeds_note
     assert scene.seed == 3
 
 
@@ -99,14 +99,14 @@ def test_without_a_number_as_many_seeds_as_one_can_wait_for(monkeypatch):
     monkeypatch.setattr(repeat, "PATIENCE_S", 0.0)
     _, done = repeated(None, controllers=("reactive",))
     assert len(done.repeats[0].seeds) == 1
-    assert "fit into 0 s" in done.said
+    assert "fit into 0 s" in done.seeds_note
 
 
 def test_without_noise_one_seed_is_enough(monkeypatch):
     monkeypatch.setattr(repeat, "PATIENCE_S", 1e9)
     _, done = repeated(None, SETTINGS.model_copy(update={"sensor": "perfect"}), ("reactive",))
     assert done.repeats[0].seeds == (3,)
-    assert done.said == "one seed of the noise, 3 (another one makes no difference)"
+    assert done.seeds_note == "one seed of the noise, 3 (another one makes no difference)"
 
 
 REFERENCE, SLOW = load_neck("reference"), load_neck("slow")

@@ -81,7 +81,7 @@ def import_opencv() -> Any:
         raise MissingOptionalDependencyError("a camera", "opencv-python-headless", "camera") from None
     # The loop needs the other cores.
     cv2.setNumThreads(1)
-    # What it writes of cameras that it cannot open is said by our own messages.
+    # Our own messages name cameras that do not open.
     cv2.setLogLevel(0)
     return cv2
 
