@@ -90,7 +90,7 @@ def test_the_command_writes_what_the_rows_say(validated):
         own = [v.error_mm(weights[who]) - v.error_mm(0.0) for v in turning if v.subject == who]
         means.append(np.concatenate(own).mean())
     assert pooled["difference_mm"] == pytest.approx(np.mean(means))
-    assert all("cannot be told" in h["answer"] for h in summary["hypotheses"])
+    assert all("undecided" in h["answer"] for h in summary["hypotheses"])
     best = exact_weight(frames_of(rows))
     assert summary["w_exact_all_subjects"] == pytest.approx(best, abs=1e-6)
     text = (out / "summary.md").read_text(encoding="utf-8")

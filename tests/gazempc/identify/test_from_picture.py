@@ -43,9 +43,9 @@ def test_the_neck_file_has_the_measured_table(tmp_path):
 def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
-    few = {"positive_rad_s": [0.1, 0.4, 0.9], "negative_rad_s": [0.08, 0.35, 0.9]}
+    few = {"positive_rad_s": [0.2, 0.8], "negative_rad_s": [0.16, 0.8]}
     axes = {
-        name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.9})
+        name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.8})
         for name in ("pan", "tilt")
     }
     given = tmp_path / "given.toml"
