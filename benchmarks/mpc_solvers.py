@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from benchmarks.solvers.figures import Figures, table
 from benchmarks.solvers.measure import accurate_commands, grow, measure, time_steps
-from benchmarks.solvers.nlp_peers import CasadiSqpmethod, DoMpc, OptiIpopt
+from benchmarks.solvers.nlp_peers import DoMpc
 from benchmarks.solvers.ours import DaqpAlways, Gazempc
 from benchmarks.solvers.peer import Peer
 from benchmarks.solvers.qp_peers import CasadiQrqp, Osqp, PiqpPackage
@@ -39,10 +39,7 @@ from gazempc.command import run_interruptible
 from gazempc.errors import SettingsError, suggest
 from gazempc.neck.spec import load_neck
 
-PEERS: Sequence[type[Peer]] = (
-    *(Gazempc, DaqpAlways, CasadiQrqp, CasadiSqpmethod),
-    *(PiqpPackage, Osqp, OptiIpopt, DoMpc),
-)
+PEERS: Sequence[type[Peer]] = (Gazempc, DaqpAlways, CasadiQrqp, PiqpPackage, Osqp, DoMpc)
 
 
 class MpcSolversSettings(BaseModel):

@@ -46,12 +46,10 @@ EXPERIMENTS = (
         "fit",
         "rivals",
         "paper",
-        "plan_example",
         "people",
         "eyes",
         "swing",
     ),
-    ("sensor_example",),
     ("__init__", "console"),
 )
 

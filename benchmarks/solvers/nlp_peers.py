@@ -1,127 +1,22 @@
-"""Tools for nonlinear programs, as one would reasonably use them in Python.
-
-Each starts from its last solution. IPOPT gets one program for both joints, which is faster for it.
-"""
+"""A tool for nonlinear programs. IPOPT gets one program for both joints, which is faster for it."""
 
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from benchmarks.solvers.peer import AxisPeer, AxisSolver, Peer, PeerFailedError
-from benchmarks.solvers.problem import AxisProblem, SparseQp
-from benchmarks.solvers.qp_peers import TIGHT_PIQP
+from benchmarks.solvers.peer import Peer, PeerFailedError
+from benchmarks.solvers.problem import AxisProblem
 from gazempc.controllers.mpc.condense import COST_SCALE
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
-
-_QUIET_IPOPT: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 
 
 def _model(problem: AxisProblem) -> tuple[ca.DM, ca.DM]:
     M, m = problem.model
     return ca.DM(M), ca.DM(m)
-
-
-class CasadiSqpmethod(AxisPeer):
-    """CasADi's sequential quadratic programming on multiple shooting, its quadratic programs solved by PIQP.
-
-    With qrqp, CasADi's own active-set solver, it fails in a tenth of the ticks.
-    """
-
-    name = "casadi_sqpmethod"
-
-    def _axis(self, problem: AxisProblem) -> AxisSolver:
-        n, (M, m), C = problem.steps, _model(problem), ca.DM(problem.outputs)
-        z, s = ca.SX.sym("z", 5, n), ca.SX.sym("s", n)
-        z0, aims = ca.SX.sym("z0", 5), ca.SX.sym("aims", 3, n)
-        cost, rows = problem.jerk_weight * ca.sumsqr(s), []
-        for k in range(n):
-            before = z[:, k - 1] if k else z0
-            rows.append(z[:, k] - ca.mtimes(M, before) - m * s[k])
-            cost += ca.sumsqr(ca.mtimes(C, z[:, k]) - aims[:, k])
-        velocities = ca.mtimes(ca.DM(problem.velocity_row).T, z).T
-        w = ca.veccat(z, s)
-        program = {"x": w, "p": ca.veccat(z0, aims), "f": COST_SCALE * cost, "g": ca.vertcat(*rows, velocities)}
-        quiet = {"print_header": False, "print_iteration": False, "print_status": False, "print_time": False}
-        options: dict[str, Any] = {
-            **quiet,
-            "error_on_fail": False,
-            "qpsol": "piqp",
-            "qpsol_options": TIGHT_PIQP,
-        }
-        solver = ca.nlpsol(self.name, "sqpmethod", program, options)
-        qp = SparseQp.of(problem)
-        lower, upper = ca.DM(qp.lower), ca.DM(qp.upper)
-        below, above = ca.DM(qp.rows_lower), ca.DM(qp.rows_upper)
-        start: dict[str, Any] = {}
-
-        def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
-            answer = solver(
-                p=np.concatenate([state, problem.aims(reference).ravel(order="F")]),
-                lbx=lower,
-                ubx=upper,
-                lbg=below,
-                ubg=above,
-                **start,
-            )
-            if not solver.stats()["success"]:
-                start.clear()
-                raise PeerFailedError("not solved")
-            start.update(x0=answer["x"], lam_x0=answer["lam_x"], lam_g0=answer["lam_g"])
-            return np.asarray(answer["x"]).ravel()[2 : 5 * n : 5]
-
-        return solve
-
-
-class OptiIpopt(Peer):
-    """CasADi's Opti and IPOPT, multiple shooting of both joints, warm started.
-
-    Made a function once: `Opti.solve` grows by some kilobytes a call.
-    """
-
-    name = "opti_ipopt"
-
-    def __init__(self, neck: NeckSpec, steps: int, smoothing_time_s: float) -> None:
-        super().__init__(neck, steps, smoothing_time_s)
-        opti, n = ca.Opti(), steps
-        state, aims = opti.parameter(5, 2), opti.parameter(6, n)
-        cost, commands = ca.MX(0), []
-        for i, problem in enumerate(self._problems):
-            (M, m), C = _model(problem), ca.DM(problem.outputs)
-            z, s = opti.variable(5, n + 1), opti.variable(n)
-            opti.subject_to(z[:, 0] == state[:, i])
-            for k in range(n):
-                opti.subject_to(z[:, k + 1] == ca.mtimes(M, z[:, k]) + m * s[k])
-            opti.subject_to(opti.bounded(-1, s, 1))
-            velocities = ca.mtimes(ca.DM(problem.velocity_row).T, z[:, 1:])
-            fastest = problem.velocity_max_rad_s
-            opti.subject_to(opti.bounded(-fastest, velocities, fastest))
-            for row in (2, 4):
-                opti.subject_to(opti.bounded(problem.lower[row], z[row, 1:], problem.upper[row]))
-            cost += ca.sumsqr(ca.mtimes(C, z[:, 1:]) - aims[3 * i : 3 * i + 3, :]) + problem.jerk_weight * ca.sumsqr(s)
-            commands.append(z[2, 1:])
-        opti.minimize(COST_SCALE * cost)
-        opti.solver("ipopt", _QUIET_IPOPT)
-        self._function = opti.to_function(
-            "opti_ipopt",
-            [state, aims, opti.x, opti.lam_g],
-            [ca.vertcat(*commands), opti.x, opti.lam_g],
-        )
-        self._start = (ca.DM.zeros(opti.x.shape), ca.DM.zeros(opti.lam_g.shape))
-
-    def solve(self, states: FloatArray, references: FloatArray) -> FloatArray:
-        """See `Peer.solve`."""
-        aims = [problem.aims(reference) for problem, reference in zip(self._problems, references, strict=True)]
-        try:
-            command, *start = self._function(states.T, np.vstack(aims), *self._start)
-        except RuntimeError as error:
-            raise PeerFailedError(str(error)) from None
-        self._start = (start[0], start[1])
-        return np.asarray(command)
 
 
 class DoMpc(Peer):

@@ -14,11 +14,6 @@ from benchmarks.solvers.problem import AxisProblem, SparseQp, linear_cost
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.types import FloatArray
 
-TIGHT_PIQP: dict[str, Any] = {
-    "error_on_fail": False,
-    "piqp": {"eps_abs": 1e-9, "eps_rel": 1e-10, "eps_duality_gap_abs": 1e-9, "eps_duality_gap_rel": 1e-10},
-}
-
 
 class PiqpPackage(AxisPeer):
     """The piqp package on the condensed program, dense and with hard limits; it has no warm start."""
@@ -141,4 +136,7 @@ class Accurate(CasadiQrqp):
 
     name = "accurate"
     plugin = "piqp"
-    options: ClassVar[dict[str, Any]] = TIGHT_PIQP
+    options: ClassVar[dict[str, Any]] = {
+        "error_on_fail": False,
+        "piqp": {"eps_abs": 1e-9, "eps_rel": 1e-10, "eps_duality_gap_abs": 1e-9, "eps_duality_gap_rel": 1e-10},
+    }

@@ -19,7 +19,7 @@ from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.neck.spec import load_neck
 
 NECK = load_neck("reference")
-PEERS = {*["gazempc", "daqp_always", "casadi_qrqp", "casadi_sqpmethod", "piqp", "osqp", "opti_ipopt", "do_mpc"]}
+PEERS = {"gazempc", "daqp_always", "casadi_qrqp", "piqp", "osqp", "do_mpc"}
 # Of the whole run: qrqp fails or says "success" to commands 0.1 rad off, OSQP stops at its limit of iterations.
 NOT_EXACT = {"casadi_qrqp", "osqp"}
 
