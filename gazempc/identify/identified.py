@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from gazempc.identify.estimate import AxisEstimate, Interval
+from gazempc.identify.estimate import AxisEstimate
 from gazempc.identify.new_neck import as_toml
 from gazempc.identify.record import NeckRecord
 from gazempc.neck.spec import NeckSpec
@@ -49,11 +49,11 @@ def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
         cells = [label]
         for e in estimates:
             filed = getattr(neck.axes[neck.joint_names.index(e.axis)], name)
-            cells += [_shown(getattr(e, name), factor, digits), f"{factor * filed:.{digits}f}"]
+            cells += [getattr(e, name).shown(factor, digits), f"{factor * filed:.{digits}f}"]
         lines.append(cells)
     # The neck file has no such figures.
     alone: tuple[tuple[str, Callable[[AxisEstimate], str]], ...] = (
-        ("bandwidth, -3 dB (Hz)", lambda e: _shown(e.bandwidth_hz, 1.0, 3)),
+        ("bandwidth, -3 dB (Hz)", lambda e: e.bandwidth_hz.shown(1.0, 3)),
         ("offset (deg)", lambda e: f"{round(math.degrees(e.offset_rad), 2) + 0.0:.2f}"),
         ("fit (%)", lambda e: f"{e.fit_percent:.2f}"),
         ("residual RMS (deg)", lambda e: f"{e.residual_rms_deg:.3f}"),
@@ -83,7 +83,7 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
         TOML that `gazempc.neck.spec.load_neck` reads.
     """
     found = "; ".join(
-        f"{e.axis}: dead time {_shown(e.dead_time_s, 1e3, 1)} ms, bandwidth {_shown(e.bandwidth_hz, 1.0, 3)} Hz, "
+        f"{e.axis}: dead time {e.dead_time_s.shown(1e3, 1)} ms, bandwidth {e.bandwidth_hz.shown(1.0, 3)} Hz, "
         f"fit {e.fit_percent:.1f} %"
         for e in estimates
     )
@@ -125,8 +125,8 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
         end_s = float(e.time_s[-1]) - start_s
         rows[0].set(xlim=(0.0, end_s))
         rows[0].set_title(
-            f"{e.axis}: dead time {_shown(e.dead_time_s, 1e3, 1)} ms\n"
-            f"bandwidth {_shown(e.bandwidth_hz, 1.0, 2)} Hz, damping {_shown(e.damping_ratio, 1.0, 2)}, "
+            f"{e.axis}: dead time {e.dead_time_s.shown(1e3, 1)} ms\n"
+            f"bandwidth {e.bandwidth_hz.shown(1.0, 2)} Hz, damping {e.damping_ratio.shown(1.0, 2)}, "
             f"fit {e.fit_percent:.1f} %",
             fontsize="medium",
         )
@@ -156,9 +156,3 @@ def _busiest_s(e: AxisEstimate) -> float:
     starts_s = e.time_s[e.time_s <= last_s]
     ways = np.interp(starts_s + _DETAIL_S, e.time_s, way) - way[: starts_s.size]
     return float(starts_s[int(np.argmax(ways))])
-
-
-def _shown(interval: Interval, factor: float, digits: int) -> str:
-    # An interval rounded to nothing would claim certainty.
-    half = max(factor * interval.half_width, 10.0**-digits)
-    return f"{factor * interval.value:.{digits}f} ± {half:.{digits}f}"

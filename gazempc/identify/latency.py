@@ -112,7 +112,7 @@ def estimate_latency(
             "record more, and faster, motion"
         )
     return LatencyEstimate(
-        Interval(latency_s, latency_s - half_s, latency_s + half_s),
+        Interval.around(latency_s, half_s),
         float(np.sqrt(np.mean(best.residual**2))),
         int(used.sum()),
     )

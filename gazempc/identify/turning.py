@@ -251,7 +251,7 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     wide = Z_95 * np.sqrt(np.diag(best.covariance))
     wn = math.exp(best.values[1])
     return TurnEstimate(
-        delay_s=Interval(best.values[0], best.values[0] - wide[0], best.values[0] + wide[0]),
+        delay_s=Interval.around(best.values[0], wide[0]),
         natural_frequency_rad_s=Interval(wn, wn * math.exp(-wide[1]), wn * math.exp(wide[1])),
         speeds_rad_s={step: _mean(each) for step, each in sorted(found.items())},
         residual_deg=math.degrees(noise_rad),
@@ -282,7 +282,7 @@ def _mean(measured: Sequence[tuple[float, float]]) -> Interval:
     # The median: a pulse during which the scene moved is one of several.
     values = np.array(measured)
     value, sd = float(np.median(values[:, 0])), float(np.max(values[:, 1])) / math.sqrt(len(values))
-    return Interval(value, value - Z_95 * sd, value + Z_95 * sd)
+    return Interval.around(value, Z_95 * sd)
 
 
 def _ramp(time_s: FloatArray, wn: float) -> FloatArray:

@@ -154,6 +154,16 @@ class Eyes(BaseModel):
     head_share_down: _Share = Field(default=1.0, description="The same of a direction below it")
 
 
+def _of_joints(field: str, meaning: str) -> cached_property[FloatArray]:
+    """Property with a number of each joint, shape (N,)."""
+
+    def values(neck: NeckSpec) -> FloatArray:
+        return neck._per_axis(field)
+
+    values.__doc__ = meaning
+    return cached_property(values)
+
+
 class NeckSpec(BaseModel):
     """A pan-tilt neck, optionally with eyes in the head and a body that turns under the neck.
 
@@ -256,6 +266,12 @@ class NeckSpec(BaseModel):
     def _per_axis(self, name: str) -> FloatArray:
         return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
 
+    velocity_max_rad_s = _of_joints("velocity_max_rad_s", "Velocity limits of the joints, rad/s.")
+    acceleration_max_rad_s2 = _of_joints("acceleration_max_rad_s2", "Acceleration limits of the joints, rad/s^2.")
+    jerk_max_rad_s3 = _of_joints("jerk_max_rad_s3", "Jerk limits of the joints, rad/s^3.")
+    dead_time_s = _of_joints("dead_time_s", "Dead times, seconds.")
+    servo_lag_s = _of_joints("servo_lag_s", "Servo lags, seconds.")
+
     @cached_property
     def position_min_rad(self) -> FloatArray:
         """Lower position limits of the joints, radians."""
@@ -265,31 +281,6 @@ class NeckSpec(BaseModel):
     def position_max_rad(self) -> FloatArray:
         """Upper position limits of the joints, radians."""
         return np.deg2rad(self._per_axis("position_max_deg"))
-
-    @cached_property
-    def velocity_max_rad_s(self) -> FloatArray:
-        """Velocity limits of the joints, rad/s."""
-        return self._per_axis("velocity_max_rad_s")
-
-    @cached_property
-    def acceleration_max_rad_s2(self) -> FloatArray:
-        """Acceleration limits of the joints, rad/s^2."""
-        return self._per_axis("acceleration_max_rad_s2")
-
-    @cached_property
-    def jerk_max_rad_s3(self) -> FloatArray:
-        """Jerk limits of the joints, rad/s^3."""
-        return self._per_axis("jerk_max_rad_s3")
-
-    @cached_property
-    def dead_time_s(self) -> FloatArray:
-        """Dead times, seconds."""
-        return self._per_axis("dead_time_s")
-
-    @cached_property
-    def servo_lag_s(self) -> FloatArray:
-        """Servo lags, seconds."""
-        return self._per_axis("servo_lag_s")
 
     @cached_property
     def command_limits(self) -> CommandLimits:

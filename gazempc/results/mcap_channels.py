@@ -114,6 +114,13 @@ class Channels:
         self._observed_base_m: FloatArray = _UNKNOWN
         self._latency_ms = math.nan
         self._scene_due_s = -math.inf
+        self._by_kind: dict[type, Callable[[Any], None]] = {
+            moments.TickMoment: self._tick,
+            moments.SeenMoment: self._seen,
+            moments.PlanMoment: self._plan,
+            moments.EventMoment: self._event,
+            moments.PictureMoment: self._picture,
+        }
 
     def _json(self, topic: str, properties: dict[str, Any]) -> foxglove.Channel:
         # The fields by name, so that viewers offer them before the first message.
@@ -137,24 +144,15 @@ class Channels:
         Args:
             moment: The moment.
         """
-        match moment:
-            case moments.TickMoment():
-                self._tick(moment)
-            case moments.JointsMoment():
-                self._true_joints = moment.joints
-            case moments.LateMoment():
-                self._late = moment
-            case moments.SeenMoment():
-                self._seen(moment)
-            case moments.PlanMoment():
-                self._plan(moment)
-            case moments.EventMoment():
-                self._event(moment)
-            case moments.PictureMoment():
-                self._picture(moment)
-            case moments.AttendedMoment():
-                content = {"person": moment.person, "why": moment.why}
-                self._attended.log(content, log_time=scene.nanoseconds(moment.time_s))
+        if isinstance(moment, moments.JointsMoment):
+            self._true_joints = moment.joints
+        elif isinstance(moment, moments.LateMoment):
+            self._late = moment
+        elif isinstance(moment, moments.AttendedMoment):
+            content = {"person": moment.person, "why": moment.why}
+            self._attended.log(content, log_time=scene.nanoseconds(moment.time_s))
+        elif (channel := self._by_kind.get(type(moment))) is not None:
+            channel(moment)
 
     def _tick(self, tick: moments.TickMoment) -> None:
         at, joints = scene.nanoseconds(tick.time_s), self._true_joints or tick.joints
