@@ -245,7 +245,7 @@ def _measured(
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
     rough = estimate_turns([_angles(turnings[0], p, greys, _KEY_SHARE * fov_rad) for p, _, greys in tried], delay_max_s)
     after_s = rough.delay_s.value + 4.0 / rough.natural_frequency_rad_s.value + 0.5
-    found, done = [], 0
+    found: list[TurnedAxis] = []
     for index, name in enumerate(AXES):
         view_rad = (fov_rad, fov_rad * height / width)[index]
         seen, reported = [], []
@@ -254,11 +254,10 @@ def _measured(
                 lasts_s = _lasts_s(likely[index][step - 1], view_rad)
                 pulse, answers, greys = bench.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
                 seen.append(_angles(turnings[index], pulse, greys, _KEY_SHARE * view_rad))
-                reported.append(answers)
-                done += 1
-                progress.at(done / (2 * sum(map(len, plans))))
-        answered = [answers for answers in reported if answers.time_s.size]
-        by_answers = estimate_turns(answered, delay_max_s) if answered else None
+                if answers.time_s.size:
+                    reported.append(answers)
+            progress.at((index + step / len(plans[index])) / len(plans))
+        by_answers = estimate_turns(reported, delay_max_s) if reported else None
         found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, len(plans[index])))
     return fov_rad, found
 
@@ -320,8 +319,8 @@ def neck_toml(
 
 def _ascending(axis: TurnedAxis, way: int) -> list[float]:
     """Speeds of the steps to one side; a step that no picture shows lies between its neighbours."""
-    each = ((way * step, speed.value) for step, speed in axis.picture.speeds_rad_s.items() if way * step > 0)
-    known = dict(sorted(each))
+    speeds = axis.picture.speeds_rad_s
+    known = {way * step: speeds[step].value for step in sorted(speeds, key=abs) if way * step > 0}
     if not known:
         raise IdentificationError(f"{axis.name}: no picture shows the speeds to one side: more light, less blur")
     measured = np.abs(np.interp(np.arange(1, axis.steps + 1), list(known), list(known.values())))

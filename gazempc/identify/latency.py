@@ -84,12 +84,9 @@ def estimate_latency(
 
     # Each latency is judged by the observations at known moments: a short record has few for all latencies at once.
     lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
-    scores = [
-        float(np.mean(residual(lag_s, used) ** 2)) if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS
-        else math.inf
-        for lag_s in lags_s
-    ]  # fmt: skip
-    near_s = float(lags_s[int(np.argmin(scores))])
+    judged = [(lag_s, used) for lag_s in lags_s if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS]
+    scores = {float(lag_s): float(np.mean(residual(lag_s, used) ** 2)) for lag_s, used in judged}
+    near_s = min(scores, key=scores.__getitem__, default=0.0)
     low_s, high_s = near_s - 3 * _SCAN_STEP_S, near_s + 3 * _SCAN_STEP_S
     used = usable(low_s, high_s)
     if used.sum() < _FEWEST_OBSERVATIONS:

@@ -107,11 +107,12 @@ def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
     """
     if path.exists():
         raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
-    if urdf is None:
-        axes = {name: _axis(name, sheet) for name in AXES}
-    else:
-        given = zip(AXES, urdf.range_deg, urdf.speed_rad_s, strict=True)
-        axes = {name: _Axis(low, high, speed, f"{speed:g} rad/s") for name, (low, high), speed in given}
+    axes = {
+        name: _axis(name, sheet)
+        if urdf is None
+        else _Axis(*urdf.range_deg[k], urdf.speed_rad_s[k], f"{urdf.speed_rad_s[k]:g} rad/s")
+        for k, name in enumerate(AXES)
+    }
     text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today(), urdf)
     neck = parse_spec(NeckSpec, text, str(path))
     write_whole(path, text)
@@ -121,15 +122,6 @@ def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
             f"{axis.acceleration_max_rad_s2:g} rad/s^2, {axis.jerk_max_rad_s3:g} rad/s^3; dead time "
             f"{axis.dead_time_s:g} s"
         )
-        range_deg = axis.position_max_deg - axis.position_min_deg
-        ramp_s = axis.velocity_max_rad_s / axis.acceleration_max_rad_s2
-        ramp_s += axis.acceleration_max_rad_s2 / axis.jerk_max_rad_s3
-        if (way_deg := math.degrees(axis.velocity_max_rad_s * ramp_s)) > range_deg:
-            print(
-                f"Warning: {name}: to reach {axis.velocity_max_rad_s:g} rad/s and to stop takes {way_deg:.0f} deg by "
-                f"these rules of thumb; its range is {range_deg:.0f} deg. Is it the motor's speed before its gear? At "
-                f"most {math.radians(range_deg) / ramp_s:.2g} rad/s are of use"
-            )
     if urdf is not None:
         print("Options of ROS 2:", *urdf.options)
     print(f"Written: {path}; what is assumed is marked there")
@@ -251,10 +243,7 @@ def read_range(text: str) -> tuple[float, float]:
         raise ValueError(f"{text!r} is no range: needed are two numbers of degrees, such as -80 80")
     low, high = sorted(float(end) for end in found.groups())
     if not low <= 0.0 <= high or low == high:
-        raise ValueError(
-            f"{text!r} does not hold 0, which is straight ahead: give the ends as seen from there (0 to 180 about 90 "
-            "is -90 90)"
-        )
+        raise ValueError(f"{text!r} does not hold 0, which is straight ahead (0 to 180 about 90 is -90 90)")
     return low, high
 
 
@@ -273,8 +262,6 @@ def read_speed(text: str) -> float:
     found = re.fullmatch(rf"\s*({_NUMBER})\s*([a-zA-Z°/\d]+)\s*", text)
     unit = "" if found is None else found[2].lower().replace("°", "deg")
     number = 0.0 if found is None else float(found[1])
-    if number > 0 and unit in _SPEEDS:
-        return number * _SPEEDS[unit]
-    if number > 0 and unit == _SECONDS_FOR_60_DEG:
-        return 60.0 * _DEG / number
+    if number > 0 and unit in (*_SPEEDS, _SECONDS_FOR_60_DEG):
+        return number * _SPEEDS[unit] if unit in _SPEEDS else 60.0 * _DEG / number
     raise ValueError(f"{text!r} is no speed: needed is a number with its unit, {_SPEED_UNITS}")

@@ -93,8 +93,8 @@ def pan_tilt_rad(direction: FloatArray) -> FloatArray:
 
 
 def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
-    """Angles in [-pi, pi), radians, of the same shape."""
-    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
+    """Angles in (-pi, pi], radians, of the same shape."""
+    return np.asarray(np.pi - (np.pi - angle_rad) % (2.0 * np.pi))
 
 
 def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
@@ -215,11 +215,11 @@ def look_at_rad(geometry: Geometry, target_base_m: FloatArray) -> FloatArray:
     pan = np.arctan2(y + 0.0, x)
     ahead = ground - tx
     if lateral:
-        pan = _wrap(pan - _offset_turn(lateral, ground))
+        pan = wrapped_rad(pan - _offset_turn(lateral, ground))
         ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
     tilt = np.arctan2(above, ahead)
     if ez:
-        tilt = _wrap(tilt - _offset_turn(ez, np.hypot(ahead, above)))
+        tilt = wrapped_rad(tilt - _offset_turn(ez, np.hypot(ahead, above)))
     angles[..., 0], angles[..., 1] = pan, tilt
     return angles
 
@@ -310,8 +310,3 @@ def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: Arr
     along = np.sum(direction * to_target, axis=-1)
     error: FloatArray = np.arctan2(across, along)
     return error
-
-
-def _wrap(angle_rad: FloatArray) -> FloatArray:
-    wrapped: FloatArray = np.pi - (np.pi - angle_rad) % (2.0 * np.pi)
-    return wrapped

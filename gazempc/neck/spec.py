@@ -315,6 +315,11 @@ class CommandLimits(BaseModel):
     acceleration_max_rad_s2: FloatArray
     jerk_max_rad_s3: FloatArray
 
+    @property
+    def derivatives(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Limits of velocity, acceleration and jerk."""
+        return self.velocity_max_rad_s, self.acceleration_max_rad_s2, self.jerk_max_rad_s3
+
     def clip_position(self, position_rad: FloatArray) -> FloatArray:
         """Nearest allowed position, shape (..., N), radians."""
         return np.minimum(np.maximum(position_rad, self.position_min_rad), self.position_max_rad)

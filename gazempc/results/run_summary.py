@@ -153,12 +153,13 @@ def write_summary(path: Path, about: dict[str, Any], rows: list[Row]) -> None:
         rows: The figures; NaN becomes null, as JSON has no NaN.
     """
     content = {**about, "versions": versions(), "rows": [row.as_dict() for row in rows]}
-    write_whole(path, json.dumps(_without_nan(content), indent=2) + "\n")
+    write_whole(path, json.dumps(without_nan(content), indent=2) + "\n")
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """Figures with null in the place of NaN and infinity, which JSON lacks."""
     if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
+        return {key: without_nan(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_nan(item) for item in value]
+        return [without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

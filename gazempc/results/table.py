@@ -171,17 +171,18 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     Returns:
         Lines of text.
     """
-    lines = table_lines(repeats, neck)
-    first = max(len(label) for label, _ in lines)
-    widths = [max(len(cells[i]) for _, cells in lines) for i in range(len(repeats))]
-    text = [
-        f"{label:<{first}}  " + "  ".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True))
-        for label, cells in lines
-    ]
-    text.insert(2, "-" * len(text[0]))
+    text = aligned([[name, *cells] for name, cells in table_lines(repeats, neck)])
+    text.insert(2, "-" * max(map(len, text)))
     if against:
         text.append(f"Gaze error and eye contact are against {against}: the true head was not measured.")
-    return "\n".join(line.rstrip() for line in text)
+    return "\n".join(text)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table of texts: the first column flush left, the others flush right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    padded = ([f"{name:<{widths[0]}}", *map(str.rjust, cells, widths[1:])] for name, *cells in rows)
+    return ["  ".join(cells).rstrip() for cells in padded]
 
 
 def sentence(repeats: Sequence[Repeats]) -> str:

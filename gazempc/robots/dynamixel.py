@@ -40,6 +40,7 @@ _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
 _CONNECT_WAIT_MS = 100.0
 # Period of retries without an answer, so that the ticks in between lose no time.
 _RETRY_S = 0.1
+_LOST_TORQUE = "a motor has lost its torque; perhaps its power was gone"
 
 
 class DynamixelNeck:
@@ -190,7 +191,7 @@ class DynamixelNeck:
             if self._torque_is_on().all():
                 self._ready = True
                 return True
-            self._trouble = f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone"
+            self._trouble = f"{self._bus.line}: {_LOST_TORQUE}"
         self._steps = self._steps or self._set_up()
         try:
             next(self._steps)
@@ -262,7 +263,7 @@ class DynamixelNeck:
 
     def _send(self, ticks: FloatArray) -> FloatArray:
         if not self._answered and not self._torque_is_on().all():
-            raise RobotError(f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone")
+            raise RobotError(f"{self._bus.line}: {_LOST_TORQUE}")
         goal = ticks
         if self._approaching:
             near = np.clip(ticks, self._goal - self._step_ticks, self._goal + self._step_ticks)

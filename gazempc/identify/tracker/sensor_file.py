@@ -16,6 +16,7 @@ from gazempc.identify.tracker.errors import Known
 from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, YawErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
 from gazempc.progress import Progress
+from gazempc.results.table import aligned
 from gazempc.types import FloatArray
 
 DEG = 180.0 / math.pi
@@ -26,10 +27,8 @@ _GOOD_S = 20.0
 def table(errors: TrackerErrors) -> str:
     """Rows with value, standard deviation, and seconds of data used."""
     rows = list(_rows(errors))
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    return "\n".join(
-        f"{name.ljust(widths[0])}  {value.rjust(widths[1])}  {remark}".rstrip() for name, value, remark in rows
-    )
+    lines = aligned([row[:2] for row in rows])
+    return "\n".join(f"{line}  {remark}".rstrip() for line, (*_, remark) in zip(lines, rows, strict=True))
 
 
 def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.neck.spec import Axis, NeckSpec
+from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
 from gazempc.results.attention import WORDS, measure_attention
 from gazempc.results.contact import CONTACT_DEG
@@ -231,18 +231,12 @@ def _noise(seeds: Sequence[int]) -> str:
 
 
 def _limits(neck: NeckSpec) -> str:
-    """Dead time, range and limits, joint by joint; joints that are alike but for their range together."""
-    alike: dict[str, list[str]] = {}
-    for name, axis in zip(neck.joint_names, neck.axes, strict=True):
-        span = f"{name.replace('_', ' ')} {axis.position_min_deg:g} to {axis.position_max_deg:g} deg"
-        alike.setdefault(_servo(axis), []).append(span)
-    return "; ".join(f"{', '.join(spans)}: {servo}" for servo, spans in alike.items())
-
-
-def _servo(axis: Axis) -> str:
-    return (
-        f"dead time {axis.dead_time_s:g} s, servo lag {axis.servo_lag_s:.2g} s, at most {axis.velocity_max_rad_s:g} "
-        f"rad/s, {axis.acceleration_max_rad_s2:g} rad/s², {axis.jerk_max_rad_s3:g} rad/s³"
+    """Range, dead time and limits, joint by joint."""
+    return "; ".join(
+        f"{name.replace('_', ' ')} {axis.position_min_deg:g} to {axis.position_max_deg:g} deg, dead time "
+        f"{axis.dead_time_s:g} s, servo lag {axis.servo_lag_s:.2g} s, at most {axis.velocity_max_rad_s:g} rad/s, "
+        f"{axis.acceleration_max_rad_s2:g} rad/s², {axis.jerk_max_rad_s3:g} rad/s³"
+        for name, axis in zip(neck.joint_names, neck.axes, strict=True)
     )
 
 

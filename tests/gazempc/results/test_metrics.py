@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from builders.attention import of_motion
 from builders.recordings import synthetic
 from builders.replays import replayed
 from monalysa.quality import smoothness as reference_smoothness
@@ -63,25 +64,16 @@ def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
     time_s = np.arange(600) * 0.005
     swing_deg = 30.0 * np.exp(-time_s / 0.5) * np.cos(2 * np.pi * time_s / 0.8)
     joints = np.stack([np.deg2rad(swing_deg), np.zeros(600)], axis=-1)
-    head = np.tile([2.5, 0.0, 0.0], (600, 1))
-    shared = {
-        "run": log.run.model_copy(update={"neck": neck}),
-        "time_s": time_s,
-        "joint_time_s": time_s,
-        "head_true_base_m": head,
-        "joint_velocity_rad_s": np.zeros((600, 2)),
-    }
-    swung = dataclasses.replace(log, joint_position_rad=joints, **shared)
-    assert measure(swung).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
-    other_side = dataclasses.replace(log, joint_position_rad=-joints, **shared)
-    assert measure(other_side).overshoot_deg == pytest.approx(-swing_deg.min(), abs=1e-9)
-    # A joint that comes up to the head and stays short of it has arrived, and does not overshoot.
-    creeping = dataclasses.replace(log, joint_position_rad=np.abs(joints), **shared)
-    assert measure(creeping).overshoot_deg == 0.0
-    never = dataclasses.replace(log, joint_position_rad=joints * [0.0, 1.0] + [0.5, 0.0], **shared)
-    assert np.isnan(measure(never).overshoot_deg)
-    slight = dataclasses.replace(log, joint_position_rad=0.2 * joints, **shared)
-    assert np.isnan(measure(slight).overshoot_deg)
+    head, run = np.tile([2.5, 0.0, 0.0], (600, 1)), log.run.model_copy(update={"neck": neck})
+    for moved, passed_deg in (
+        (joints, -swing_deg.min()),
+        (-joints, -swing_deg.min()),
+        (np.abs(joints), 0.0),  # comes up to the head and stays short of it
+        (joints * [0.0, 1.0] + [0.5, 0.0], np.nan),  # never arrives
+        (0.2 * joints, np.nan),  # near from the start
+    ):
+        found = measure(of_motion(log, time_s, moved, head, run=run)).overshoot_deg
+        assert found == pytest.approx(passed_deg, abs=1e-9, nan_ok=True)
 
 
 def test_motion_figures(log):
