@@ -146,10 +146,7 @@ def estimate_axis(
     # Commands before the record are unknown and act until a dead time after its first command.
     known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
     if np.count_nonzero(known) < FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
-        raise IdentificationError(
-            f"{name}: too few readings after the first command can have acted "
-            f"({np.count_nonzero(known)} of at least {FEWEST_READINGS}): record longer"
-        )
+        raise IdentificationError(f"{name}: too few readings after the first command can have acted: record longer")
     time_s, measured = data.time_s[known], data.measured_rad[known]
     model = ServoModel(data.command_time_s, data.command_rad, time_s)
 

@@ -217,15 +217,11 @@ def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord,
             raise SettingsError(f"--neck {settings.neck}: has {others}; {settings.from_log} has {joints}")
         return taken, neck, settings.from_log.name
     if settings.neck is None and settings.robot is not None and not keeps_any_clock(ROBOT, settings.robot):
-        raise SettingsError(
-            f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
-        )
+        raise SettingsError(f"--neck: a real robot ({settings.robot}) needs its own neck file, with its limits")
     neck = load_neck(settings.neck or "reference")
     if neck.takes_speeds or not neck.reports_joints:
-        raise SettingsError(
-            f"neck {neck.name!r}: identification sends angles and needs encoders; accepted: command = "
-            '"position" and reports_joints = true, or --source camera:URL for a camera that takes speeds'
-        )
+        accepted = 'command = "position" and reports_joints = true, or --source camera:URL'
+        raise SettingsError(f"neck {neck.name!r}: sends angles and needs encoders; accepted: {accepted}")
     taken = _excite(settings, neck, progress)
     taken.save(settings.out.with_suffix(".npz"))
     return taken, neck, f"robot {settings.robot}, neck {neck.name}"

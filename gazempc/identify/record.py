@@ -135,10 +135,7 @@ def record(
             # A computer that woke up late does everything later: to leave commands out would be a jump.
             late_s = clock.now_s() - (start_s + tick * excitation.period_s)
             if late_s > _STALL_S:
-                raise RobotError(
-                    f"stopped: the computer was held up for {1e3 * late_s:.0f} ms, and the neck stood still meanwhile; "
-                    "try again with less beside it"
-                )
+                raise RobotError(f"stopped: the computer was held up for {1e3 * late_s:.0f} ms; run less beside it")
             if late_s > excitation.period_s:
                 start_s += late_s
             try:
@@ -241,10 +238,8 @@ def _record(path: Path | str, values: dict[str, Any]) -> NeckRecord:
         times_s, angles_rad = values[f"{side}_time_s"], values[f"{side}_rad"]
         kinds = {times_s.dtype.kind, angles_rad.dtype.kind}
         if times_s.ndim != 1 or angles_rad.shape != (times_s.size, joints) or kinds != {"f"}:
-            raise SettingsError(
-                f"{path}: {side}_time_s and {side}_rad have the shapes {times_s.shape} and {angles_rad.shape}; "
-                f"accepted: (N,) and (N, {joints}), floating-point numbers"
-            )
+            shapes = f"{times_s.shape} and {angles_rad.shape}; accepted: (N,) and (N, {joints}), floats"
+            raise SettingsError(f"{path}: {side}_time_s and {side}_rad have the shapes {shapes}")
         if not (np.abs(angles_rad) < _LARGEST).all() or not (np.abs(times_s) < _LARGEST).all():
             raise SettingsError(f"{path}: {side}_time_s or {side}_rad has values that are not finite, or absurd")
     return found

@@ -51,9 +51,9 @@ def _within(joints: dict[str, Axis], low_deg: float, high_deg: float, what: str)
     most_deg = sum(axis.position_max_deg for axis in joints.values())
     low_deg, high_deg = max(low_deg, least_deg), min(high_deg, most_deg)
     if low_deg >= high_deg:
+        accepted = f"a region within {least_deg:g} to {most_deg:g}, least before greatest"
         raise SettingsError(
-            f"loop.gaze_region_deg: {what} would be {low_deg:g} to {high_deg:g} deg; accepted: a region within "
-            f"{least_deg:g} to {most_deg:g}, least before greatest"
+            f"loop.gaze_region_deg: {what} would be {low_deg:g} to {high_deg:g} deg; accepted: {accepted}"
         )
 
     def part(axis: Axis, share: float) -> float:

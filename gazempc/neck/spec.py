@@ -90,19 +90,14 @@ class Axis(BaseModel):
 
     @model_validator(mode="after")
     def _values_fit_each_other(self) -> Axis:
-        steps = self.speed_steps
-        if self.position_min_deg >= self.position_max_deg:
-            raise ValueError(
-                f"position_min_deg ({self.position_min_deg}) must be less than position_max_deg "
-                f"({self.position_max_deg})"
-            )
+        steps, low, high = self.speed_steps, self.position_min_deg, self.position_max_deg
+        if low >= high:
+            raise ValueError(f"position_min_deg ({low}) must be less than position_max_deg ({high})")
         if steps is not None and not self.takes_speed:
             raise ValueError('speed_steps need command = "velocity": angles have no speed steps')
         if steps is not None and self.velocity_max_rad_s > steps.fastest_rad_s * (1.0 + 1e-6):
-            raise ValueError(
-                f"velocity_max_rad_s ({self.velocity_max_rad_s}) must be at most the last of speed_steps in both "
-                f"directions ({steps.fastest_rad_s})"
-            )
+            fastest = f"the last of speed_steps in both directions ({steps.fastest_rad_s})"
+            raise ValueError(f"velocity_max_rad_s ({self.velocity_max_rad_s}) must be at most {fastest}")
         if self.takes_speed and self.load_offset_deg:
             raise ValueError(f'load_offset_deg ({self.load_offset_deg}) must be 0 with command = "velocity"')
         return self
@@ -195,10 +190,8 @@ class NeckSpec(BaseModel):
     def _rates_divide(self) -> NeckSpec:
         ratio = self.servo_rate_hz / self.control_rate_hz
         if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
-            raise ValueError(
-                f"servo_rate_hz ({self.servo_rate_hz}) must be a whole multiple of control_rate_hz "
-                f"({self.control_rate_hz})"
-            )
+            rates = self.servo_rate_hz, self.control_rate_hz
+            raise ValueError("servo_rate_hz ({}) must be a whole multiple of control_rate_hz ({})".format(*rates))
         return self
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> NeckSpec:

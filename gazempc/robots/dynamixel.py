@@ -210,18 +210,14 @@ class DynamixelNeck:
         modes = [answer[0] for answer in self._read(_MODE)]
         for i, mode in enumerate(modes):
             if mode not in (_POSITION_MODE, _EXTENDED_POSITION_MODE):
-                raise RobotError(
-                    f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {_POSITION_MODE} (position) or "
-                    f"{_EXTENDED_POSITION_MODE} (extended position): set it with torque off; it is not changed here"
-                )
+                needed = f"{_POSITION_MODE} (position) or {_EXTENDED_POSITION_MODE} (extended position)"
+                raise RobotError(f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {needed}")
         yield
         for i, answer in enumerate(self._read(_RANGE)):
             high, low = struct.unpack("<ii", answer)
             if modes[i] == _POSITION_MODE and not low <= self._tick_min[i] <= self._tick_max[i] <= high:
-                raise RobotError(
-                    f"{self._bus.motor(i)}: the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks, "
-                    f"but the Position Limits (52, 48) are {low}..{high}: check zero tick and direction, or set them"
-                )
+                needed = f"the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks"
+                raise RobotError(f"{self._bus.motor(i)}: {needed}, but the Position Limits (52, 48) are {low}..{high}")
         yield
         holds = self._torque_is_on()
         yield
@@ -236,14 +232,11 @@ class DynamixelNeck:
         if limp:
             self._bus.write(_PROFILE_AND_GOAL, {m: unlimited + struct.pack("<i", goal) for m, goal in limp.items()})
         for i, answer in enumerate(self._read(_PROFILE_AND_GOAL)):
-            goal = struct.unpack("<i", answer[8:])[0]
-            if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
-                raise RobotError(
-                    f"{self._bus.motor(i)}: did not take profile 0 and goal {limp.get(self._ids[i], goal)}: check the "
-                    "wiring, and that it stands inside its Position Limits (52, 48)"
-                )
             # A motor that holds keeps the goal that it has.
-            self._goal[i] = goal
+            self._goal[i] = goal = struct.unpack("<i", answer[8:])[0]
+            if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
+                hint = "is it inside its Position Limits (52, 48)?"
+                raise RobotError(f"{self._bus.motor(i)}: did not take profile 0 and its goal: {hint}")
         yield
         self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
         for i, on in enumerate(self._torque_is_on()):

@@ -239,10 +239,8 @@ class ReachyMiniNeck:
                 with self._changed:
                     if stop.is_set():
                         return
-                    self._lost = (
-                        f"Reachy Mini: no connection to the daemon at {self._uri} ({error or type(error).__name__}); "
-                        "start it with `reachy-mini-daemon` (add --sim for its simulator), or check address and network"
-                    )
+                    why = f"no connection to the daemon at {self._uri} ({error or type(error).__name__})"
+                    self._lost = f"Reachy Mini: {why}; start `reachy-mini-daemon` (--sim: its simulator)"
                     self._changed.notify_all()
                     self._changed.wait_for(stop.is_set, _RETRY_S)
 

@@ -98,10 +98,7 @@ class SpeedCamera:
     ) -> None:
         self._angles = device.takes_angles and not neck.takes_speeds
         if neck.joints != 2 or not (self._angles or neck.speed_joints.all()):
-            raise SettingsError(
-                f'neck {neck.name!r}: a pan-tilt camera needs the joints pan and tilt with command = "velocity", '
-                "such as the neck ptz"
-            )
+            raise SettingsError(f'neck {neck.name!r}: accepted: pan and tilt with command = "velocity", such as ptz')
         self._send = device.go_to if self._angles else device.drive
         self._limits_rad = neck.position_min_rad, neck.position_max_rad
         self._device, self._clock_s, self._reports = device, clock_s, neck.reports_joints
@@ -124,9 +121,8 @@ class SpeedCamera:
             try:
                 self._poll()
             except RobotError as error:
-                raise RobotError(
-                    f"{error}; for a camera that does not tell its position set reports_joints = false in the neck file"
-                ) from None
+                hint = "for a camera without position answers set reports_joints = false in the neck file"
+                raise RobotError(f"{error}; {hint}") from None
         except BaseException:
             self._device.close()
             raise

@@ -81,25 +81,18 @@ def warnings(errors: TrackerErrors) -> list[str]:
     """Warnings about the file: unknown, bounded or assumed values."""
     found = []
     if errors.moved:
+        still = f"still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s"
         found.append(
-            f"the person moved too much: still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s. Wander "
-            "is unknown and left out, so the file describes a tracker with less error than yours; record 30 s of a "
-            "person who stands still"
+            f"the person moved too much: {still}. Wander is left out; record 30 s of a person who stands still"
         )
     elif errors.used_s < _GOOD_S:
-        found.append(
-            f"only {errors.used_s:.0f} s of a person who is still; 30 s give a better estimate, mainly of wander"
-        )
+        found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are better, mainly for wander")
     if errors.along.fit.hidden or errors.across.fit.hidden:
-        found.append(
-            "white error cannot be measured: the tracker smooths, or the person moved. The file has upper bounds"
-        )
+        found.append("white error: upper bounds only, as the tracker smooths, or the person moved")
     if errors.jumps.durations_s.size and not errors.jumps_across:
-        found.append("jumps are small or along the line of sight only; a sensor file has no field for them; left out")
+        found.append("jumps are small or along the line of sight only: left out, a sensor file has no field for them")
     if errors.latency_s is None:
-        found.append(
-            f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as the sensor reference"
-        )
+        found.append(f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as `reference`")
     return found
 
 
