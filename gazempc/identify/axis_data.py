@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from gazempc.identify.record import IdentificationError, NeckRecord
-from gazempc.neck.spec import Axis
 from gazempc.types import FloatArray
 
 FEWEST_READINGS = 60
@@ -79,7 +77,9 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
     if asked_deg < _LEAST_COMMAND_DEG:
         moves = f"its command moves over {asked_deg:.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed"
         raise refuse(moves, "move it more (--amplitude-deg), or leave it out with --axes")
-    wild = _misread(time_s, measured, axis)
+    # Failed readings often come as a fixed angle far away, such as -180 deg.
+    reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
+    wild = np.abs(measured - median_filter(measured, size=5, mode="nearest")) > _MISREAD_RAD + reach
     if (share := wild.mean()) > _MOST_MISREAD:
         raise refuse(f"{100 * share:.0f} % of the readings jump as no joint can", "check the encoder and its unit")
     time_s, measured = time_s[~wild], measured[~wild]
@@ -97,10 +97,3 @@ def _advancing(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, Float
     newest = np.maximum.accumulate(time_s) if time_s.size else time_s
     new = np.append(True, time_s[1:] > newest[:-1] + 1e-6)[: time_s.size]
     return time_s[new], value[new]
-
-
-def _misread(time_s: FloatArray, measured: FloatArray, axis: Axis) -> NDArray[np.bool_]:
-    # Failed readings often come as a fixed angle far away, such as -180 deg.
-    reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
-    jump = np.abs(measured - median_filter(measured, size=5, mode="nearest"))
-    return np.asarray(jump > _MISREAD_RAD + reach)

@@ -162,6 +162,8 @@ def estimate_axis(
     low, high = (_EARLIEST_S, *_LOWEST), (dead_time_max_s, *_HIGHEST)
     best = fit(lambda values: np.rad2deg(measured - fitted_to(values)[0]), starts, low, high)
     fitted, offset_rad = fitted_to(best.values)
+    # Second differences of white noise have six times its variance, and leave nothing of what changes slowly.
+    noise_deg2 = float(np.mean(np.diff(best.residual, 2) ** 2)) / 6.0
     spread = float(np.linalg.norm(measured - measured.mean()))
     fit_percent = 100.0 * (1.0 - float(np.linalg.norm(measured - fitted)) / spread)
     dead_time, wn, zeta, bandwidth, lag = _intervals(best)
@@ -176,7 +178,7 @@ def estimate_axis(
         offset_rad=offset_rad,
         fit_percent=fit_percent,
         residual_rms_deg=float(np.sqrt(np.mean(best.residual**2))),
-        structured_rms_deg=_structured_rms(best.residual),
+        structured_rms_deg=math.sqrt(max(float(np.mean(best.residual**2)) - noise_deg2, 0.0)),
         misread=data.misread,
         time_s=time_s,
         measured_rad=measured,
@@ -234,12 +236,6 @@ def _intervals(best: Fit) -> tuple[Interval, ...]:
         half = min(max(Z_95 * math.sqrt(max(variance, 0.0)), _NARROWEST_SHARE), 50.0)
         found.append(Interval(value, value * math.exp(-half), value * math.exp(half)))
     return tuple(found)
-
-
-def _structured_rms(residual: FloatArray) -> float:
-    # Second differences of white noise have six times its variance, and leave nothing of what changes slowly.
-    noise = float(np.mean(np.diff(residual, 2) ** 2)) / 6.0
-    return math.sqrt(max(float(np.mean(residual**2)) - noise, 0.0))
 
 
 def _doubts(

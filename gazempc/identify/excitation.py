@@ -82,17 +82,19 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
     Raises:
         SettingsError: If the neck has no such joint.
     """
-    moving = moving_joints(neck, settings.axes)
+    moving, limits = moving_joints(neck, settings.axes), neck.command_limits
     in_turn = "in_turn" in settings.axes
     columns = []
     for axis, name in enumerate(neck.joint_names):
-        moves = name in moving
-        part = _motion(neck, axis, settings)
+        part, centre = _motion(neck, axis, settings), float(start_rad[axis])
         parts = [np.zeros_like(part)] * (len(moving) if in_turn else 1)
-        if moves:
+        if name in moving:
             parts[moving.index(name) if in_turn else 0] = part
+            # As near to rest as the room for the motion allows.
+            room = _amplitude_rad(neck, axis, settings) * np.array([1.0, -1.0])
+            ends = np.array([limits.position_min_rad[axis], limits.position_max_rad[axis]]) + room
+            centre = float(np.clip(neck.rest_rad[axis], *ends))
         part = np.concatenate(parts)
-        centre = _centre(neck, axis, settings) if moves else float(start_rad[axis])
         approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
         columns.append((approach, centre + part))
     # All wait for the one that takes longer to get to its middle.
@@ -143,13 +145,6 @@ def _amplitude_rad(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> f
     limits = neck.command_limits
     half = 0.5 * _MARGIN * float(limits.position_max_rad[axis] - limits.position_min_rad[axis])
     return min(float(np.deg2rad(settings.amplitude_deg)), half)
-
-
-def _centre(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> float:
-    # As near to rest as the room for the motion allows.
-    limits, amplitude = neck.command_limits, _amplitude_rad(neck, axis, settings)
-    low, high = float(limits.position_min_rad[axis]) + amplitude, float(limits.position_max_rad[axis]) - amplitude
-    return float(np.clip(neck.rest_rad[axis], low, high))
 
 
 def _motion(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> FloatArray:

@@ -20,7 +20,6 @@ from gazempc.neck import rules
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
-from gazempc.types import FloatArray
 
 
 def as_toml(values: Mapping[str, object]) -> str:
@@ -148,7 +147,11 @@ def neck_file(
     Returns:
         TOML with comments.
     """
-    origin = "data sheet" if urdf is None else "URDF"
+    origin, tilt_axis_m, eye_m = "data sheet", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    about = "# assumed: both axes and the eye in one point. Measure with a ruler: x forward, y left, z up."
+    if urdf is not None:
+        origin, about = "URDF", f"# URDF: {' and '.join(urdf.joint_names)}."
+        tilt_axis_m, eye_m = ((each.round(5) + 0.0).tolist() for each in (urdf.tilt_axis_in_pan_m, urdf.eye_in_tilt_m))
     source = (
         f"{origin}: range and top speed (gazempc identify --new, {today.isoformat()}). Limits of speed, acceleration "
         "and jerk, servo and dead time by rules of thumb: assumed, not measured"
@@ -160,20 +163,14 @@ def neck_file(
         "servo_rate_hz = 200.0               # commands a second; lower it if the robot takes fewer",
         *([] if head_view_deg is None else [f"head_view_deg = {list(head_view_deg)}        # data sheet"]),
         "",
-        "# assumed: both axes and the eye in one point. Measure with a ruler: x forward, y left, z up."
-        if urdf is None
-        else f"# URDF: {' and '.join(urdf.joint_names)}.",
+        about,
         "[geometry]",
-        f"tilt_axis_in_pan_m = {_offset(None if urdf is None else urdf.tilt_axis_in_pan_m)}",
-        f"eye_in_tilt_m = {_offset(None if urdf is None else urdf.eye_in_tilt_m)}",
+        f"tilt_axis_in_pan_m = {tilt_axis_m}",
+        f"eye_in_tilt_m = {eye_m}",
     ]
     for axis_name, axis in axes.items():
         lines += ["", *_table(axis_name, axis, origin)]
     return "\n".join(lines) + "\n"
-
-
-def _offset(offset_m: FloatArray | None) -> list[float]:
-    return [0.0, 0.0, 0.0] if offset_m is None else [round(float(each), 5) + 0.0 for each in offset_m]
 
 
 def _table(name: str, axis: _Axis, origin: str) -> list[str]:

@@ -114,13 +114,6 @@ class Channels:
         self._observed_base_m: FloatArray = _UNKNOWN
         self._latency_ms = math.nan
         self._scene_due_s = -math.inf
-        self._by_kind: dict[type, Callable[[Any], None]] = {
-            moments.TickMoment: self._tick,
-            moments.SeenMoment: self._seen,
-            moments.PlanMoment: self._plan,
-            moments.EventMoment: self._event,
-            moments.PictureMoment: self._picture,
-        }
 
     def _json(self, topic: str, properties: dict[str, Any]) -> foxglove.Channel:
         # The fields by name, so that viewers offer them before the first message.
@@ -144,15 +137,24 @@ class Channels:
         Args:
             moment: The moment.
         """
-        if isinstance(moment, moments.JointsMoment):
-            self._true_joints = moment.joints
-        elif isinstance(moment, moments.LateMoment):
-            self._late = moment
-        elif isinstance(moment, moments.AttendedMoment):
-            content = {"person": moment.person, "why": moment.why}
-            self._attended.log(content, log_time=scene.nanoseconds(moment.time_s))
-        elif (channel := self._by_kind.get(type(moment))) is not None:
-            channel(moment)
+        match moment:
+            case moments.TickMoment():
+                self._tick(moment)
+            case moments.JointsMoment():
+                self._true_joints = moment.joints
+            case moments.LateMoment():
+                self._late = moment
+            case moments.SeenMoment():
+                self._seen(moment)
+            case moments.PlanMoment():
+                self._plan(moment)
+            case moments.EventMoment():
+                self._event(moment)
+            case moments.PictureMoment():
+                self._picture(moment)
+            case moments.AttendedMoment():
+                content = {"person": moment.person, "why": moment.why}
+                self._attended.log(content, log_time=scene.nanoseconds(moment.time_s))
 
     def _tick(self, tick: moments.TickMoment) -> None:
         at, joints = scene.nanoseconds(tick.time_s), self._true_joints or tick.joints
@@ -161,17 +163,8 @@ class Channels:
         speed_rad_s = nowhere if joints is None else joints.velocity_rad_s
         head_m = _UNKNOWN if tick.head_true_base_m is None else tick.head_true_base_m
         _, speeds, accelerations = zip(*tick.motions, strict=True)
-        row = (
-            tick.time_s,
-            *head_m.tolist(),
-            math.nan if joints is None else joints.time_s,
-            *position_rad.tolist(),
-            *speed_rad_s.tolist(),
-            *tick.sent_rad.tolist(),
-            *speeds,
-            *accelerations,
-        )
-        self._ticks(row, at)
+        read = (math.nan if joints is None else joints.time_s, *position_rad.tolist(), *speed_rad_s.tolist())
+        self._ticks((tick.time_s, *head_m.tolist(), *read, *tick.sent_rad.tolist(), *speeds, *accelerations), at)
         errors = np.rad2deg(
             gaze_error_rad(self._neck.geometry, position_rad, np.stack([head_m, self._observed_base_m]))
         ).tolist()
@@ -211,15 +204,8 @@ class Channels:
         true_m = np.full_like(seen.means_base_m, np.nan) if seen.true_base_m is None else seen.true_base_m
         i, j = np.triu_indices(3)
         for k, horizon_s in enumerate(FORECAST_HORIZONS_S):
-            forecast = (
-                seen.capture_time_s,
-                horizon_s,
-                *seen.means_base_m[k].tolist(),
-                *seen.covariances_m2[k, i, j].tolist(),
-                seen.degrees_of_freedom,
-                *true_m[k].tolist(),
-            )
-            self._forecasts(forecast, at)
+            stated = *seen.means_base_m[k].tolist(), *seen.covariances_m2[k, i, j].tolist(), seen.degrees_of_freedom
+            self._forecasts((seen.capture_time_s, horizon_s, *stated, *true_m[k].tolist()), at)
         self._frames.log(scene.transforms([scene.person_frame(head_m, seen.head_quat_wxyz)], seen.time_s), log_time=at)
         entities = [scene.person_entity("observed", head_m, seen.time_s)]
         if np.isfinite(seen.means_base_m).all():

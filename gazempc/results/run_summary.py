@@ -91,13 +91,8 @@ class Row:
 
     def as_dict(self) -> dict[str, Any]:
         """The row as it stands in `summary.json`."""
-        return {
-            "controller": self.controller,
-            "predictor": self.predictor,
-            **self.metrics.as_dict(),
-            "gap_closed": self.gap_closed,
-            **self.compute.as_dict(),
-        }
+        names = {"controller": self.controller, "predictor": self.predictor}
+        return names | self.metrics.as_dict() | {"gap_closed": self.gap_closed} | self.compute.as_dict()
 
 
 def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[Row]:

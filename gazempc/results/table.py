@@ -131,9 +131,6 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
     def time(name: str) -> list[str]:
         return [_spread(r.mean(name), math.nan, 2, "") for r in repeats]
 
-    of_head = [("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2"))]
-    of_head = of_head if neck.joints > len(AXES) else []
-    of_eyes = [("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1))] if neck.eyes else []
     lines: list[tuple[str, list[str]]] = [
         ("", [label(r.first.controller) for r in repeats]),
         ("filter and forecast", [r.first.predictor for r in repeats]),
@@ -145,8 +142,6 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         ("            within 9 deg", spread("eye_contact_9", 1, " %")),
         ("gap to perfect closed", spread("gap_closed", 1, " %")),
         ("RMS acceleration [rad/s^2]", spread("rms_acceleration_rad_s2")),
-        *of_head,
-        *of_eyes,
         peak("velocity", "rad_s", "rad/s", 2),
         peak("acceleration", "rad_s2", "rad/s^2", 1),
         peak("jerk", "rad_s3", "rad/s^3", 0),
@@ -154,6 +149,10 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         ("step time, median [ms]", time("step_ms_p50")),
         ("           99 % below [ms]", time("step_ms_p99")),
     ]
+    if neck.eyes:
+        lines.insert(10, ("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1)))
+    if neck.joints > len(AXES):
+        lines.insert(10, ("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2")))
     if len(seeds) > 1:
         of_first = [f"{r.first.metrics.gaze_error_rms_deg:.2f}" for r in repeats]
         lines.insert(3, (f"           seed {seeds[0]}, as in the figures", of_first))

@@ -59,12 +59,7 @@ class ReachyMiniNeck:
         SettingsError: If straight ahead is not in the neck's range, or the neck has eyes.
     """
 
-    def __init__(
-        self,
-        neck: NeckSpec,
-        clock_s: Callable[[], float],
-        options: ReachyMiniOptions,
-    ) -> None:
+    def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: ReachyMiniOptions) -> None:
         if np.any(neck.position_min_rad > 0.0) or np.any(neck.position_max_rad < 0.0):
             # Only then what is clamped to the head's reach, towards the middle, stays in the neck's range.
             raise SettingsError(f"neck {neck.name!r}: the range for Reachy Mini must contain 0 of all joints")

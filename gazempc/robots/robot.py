@@ -24,7 +24,6 @@ class Robot(Protocol):
 
     def connect(self) -> None:
         """Open the connection; calling it again does nothing."""
-        ...
 
     def read_state(self) -> JointState | None:
         """Read the joints.
@@ -32,7 +31,6 @@ class Robot(Protocol):
         Returns:
             The latest measured state; None if the robot does not measure its joints, or has nothing new.
         """
-        ...
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """Send joint positions to go to.
@@ -43,11 +41,9 @@ class Robot(Protocol):
         Returns:
             What was really sent, shape (N,), radians: clamped to the joints' range.
         """
-        ...
 
     def close(self) -> None:
         """Close the connection; never raises, and may be called at any time."""
-        ...
 
 
 def check_command(command: FloatArray, joints: int) -> None:

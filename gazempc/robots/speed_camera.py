@@ -37,7 +37,6 @@ class SpeedDevice(Protocol):
 
     def open(self) -> None:
         """Connect; moves nothing."""
-        ...
 
     #: Whether it can be sent to angles.
     takes_angles: bool
@@ -48,27 +47,21 @@ class SpeedDevice(Protocol):
         Args:
             speeds_rad_s: Speeds that the device has; two zeros stop it.
         """
-        ...
 
     def go_to(self, angles_rad: Pair) -> None:
         """Go to angles of pan and tilt, radians; returns when the device has accepted them."""
-        ...
 
     def angles_rad(self) -> Pair | None:
         """Ask for pan and tilt, radians; None if the device does not tell."""
-        ...
 
     def recover(self) -> None:
         """Prepare for the next attempt after a fault."""
-        ...
 
     def about(self) -> list[tuple[str, str]]:
         """What the device is and can do, as pairs of name and value; moves nothing."""
-        ...
 
     def close(self) -> None:
         """Disconnect; the device has been stopped."""
-        ...
 
 
 class SpeedCamera:

@@ -147,7 +147,8 @@ def overview(logs: Logs, path: Path) -> None:
         axes = {row: figure.add_subplot(column[k]) for k, row in enumerate(rows)}
         axes["walk"] = figure.add_subplot(halves[0])
         beside = draw_birds_eye(axes["walk"], logs)
-        axes["walk"].set_title(_walk_title(beside), fontsize="medium")
+        lines_of = "".join(f"; {part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
+        axes["walk"].set_title(f"the walk from above, and where the robot looks{lines_of}", fontsize="medium")
         heads_alone = draw_gaze_error(axes["error"], logs)
         legend = "dashed: error of the head alone" if heads_alone else "grey: not scored"
         axes["error"].set_title(f"green: eye contact; {legend}", fontsize="medium")
@@ -176,13 +177,6 @@ def _draw_people(ax: Axes, lines: dict[str, Log], shown_s: tuple[float, float]) 
     ax.tick_params(left=False)
     ax.set(xticks=[], xlim=shown_s, ylim=(len(lines) - 0.5, -0.5))
     ax.spines[:].set_visible(False)
-
-
-def _walk_title(beside: tuple[known.Part, ...]) -> str:
-    if not beside:
-        return "the walk from above, and where the robot looks"
-    lines = (f"{part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
-    return f"where the robot looks; {', '.join(lines)}"
 
 
 def _bar(ax: Axes, at: float, height: float, share: float, look: dict[str, Any], font: dict[str, Any]) -> Text:

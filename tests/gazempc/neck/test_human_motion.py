@@ -16,14 +16,8 @@ NECKS = [load_neck(name) for name in ("reference_eyes", "furhat", "icub")]
 
 def strong(axis):
     """A motor that bears everything, behind a quick servo."""
-    return axis.model_copy(
-        update={
-            "velocity_max_rad_s": 50.0,
-            "acceleration_max_rad_s2": 5000.0,
-            "jerk_max_rad_s3": 1e7,
-            "natural_frequency_rad_s": 250.0,
-        }
-    )
+    limits = {"velocity_max_rad_s": 50.0, "acceleration_max_rad_s2": 5000.0, "jerk_max_rad_s3": 1e7}
+    return axis.model_copy(update=limits | {"natural_frequency_rad_s": 250.0})
 
 
 def peak_rad_s(axis, amplitude_rad):

@@ -39,17 +39,6 @@ def error_by_chain(geometry: Geometry, angles: Array, target: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(gaze, to_target)), gaze @ to_target))
 
 
-# ---------------------------------------------------------------- gaze ray
-
-
-@given(geometry=geometries, angles=angle_pairs)
-def test_gaze_ray_is_the_chain_of_rotations(geometry: Geometry, angles: tuple[float, float]) -> None:
-    eye, gaze = gaze_ray(geometry, angles)
-    expected_eye, expected_gaze = chain(geometry, *angles)
-    np.testing.assert_allclose(eye, expected_eye, atol=1e-14)
-    np.testing.assert_allclose(gaze, expected_gaze, atol=1e-14)
-
-
 # ---------------------------------------------------------------- eyes and body
 
 
@@ -57,7 +46,7 @@ def turned(pan_rad: float, tilt_rad: float) -> Rotation:
     return Rotation.from_euler("ZY", [pan_rad, -tilt_rad])
 
 
-@pytest.mark.parametrize("joints", [3, 4, 5])
+@pytest.mark.parametrize("joints", [2, 3, 4, 5])
 def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints: int) -> None:
     for angles in np.random.default_rng(3).uniform(-0.6, 0.6, (20, joints)):
         pan, tilt = angles[0] + (angles[-1] if joints in (3, 5) else 0.0), angles[1]

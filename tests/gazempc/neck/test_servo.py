@@ -90,12 +90,3 @@ def test_time_does_not_run_backwards() -> None:
     with pytest.raises(ValueError, match="time cannot run backwards"):
         servo.advance_to(1.999)
     servo.advance_to(2.5)
-
-
-def test_of_two_commands_at_one_time_the_last_acts() -> None:
-    twice, once = DelayedServo(axis(0.0375), 0.0), DelayedServo(axis(0.0375), 0.0)
-    twice.send(-1.0)
-    for servo in (twice, once):
-        servo.send(0.5)
-        servo.advance_to(0.2)
-    assert twice.state == once.state

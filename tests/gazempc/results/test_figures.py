@@ -30,7 +30,7 @@ from gazempc.results.figures.animation import (
 from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.known import known_title, parts, running_contact, shown_head
 from gazempc.results.figures.overview import attended, draw_contact_bars, draw_gaze_error, overview
-from gazempc.results.figures.people import are_alike, person_colour
+from gazempc.results.figures.people import person_colour
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.results.page.run_page import run_page
@@ -171,12 +171,6 @@ def attention():
     heads_m[made.time_s >= 4.0, 1] = 1.0
     heads_m[made.time_s >= 8.0] = np.nan
     return replace(made, head_true_base_m=heads_m)
-
-
-def test_runs_with_the_same_turns_are_alike(attention):
-    other = replace(attention, attended_time_s=attention.attended_time_s + np.array([0.0, 0.1, 0.0]))
-    assert are_alike({"a": attention, "b": replace(attention, attended_time_s=attention.attended_time_s + 1e-6)})
-    assert not are_alike({"a": attention, "b": other})
 
 
 def test_the_time_lines_have_the_colours_of_the_people_and_the_share_is_the_metric(attention, tmp_path):

@@ -93,12 +93,8 @@ def test_motion_figures(log):
 @pytest.mark.parametrize("which", ["command_position_rad", "joint_position_rad"])
 def test_every_kind_of_violation_is_counted(log, which, order):
     t = log.time_s
-    limits = (
-        NECK.position_max_rad[0],
-        NECK.velocity_max_rad_s[0],
-        NECK.acceleration_max_rad_s2[0],
-        NECK.jerk_max_rad_s3[0],
-    )
+    names = ("position_max_rad", "velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3")
+    limits = [getattr(NECK, name)[0] for name in names]
     # A quiet motion whose derivative of one order alone passes its limit.
     frequency = (0.01, 1.2, 8.0, 40.0)[order]
     amplitude = 1.02 * limits[order] / frequency**order
@@ -124,14 +120,8 @@ def test_forecast_figures(log):
                 errors.append(1000 * np.linalg.norm(mean - true))
         assert getattr(m, f"forecast_error_{horizon}_mm") == pytest.approx(np.mean(errors), rel=0.02)
     known = np.isfinite(log.forecast_true_base_m[:, 1, 0])
-    nees = [
-        d @ np.linalg.inv(c) @ d
-        for d, c in zip(
-            (log.forecast_mean_base_m - log.forecast_true_base_m)[known, 1],
-            log.forecast_covariance_m2[known, 1],
-            strict=True,
-        )
-    ]
+    off_m = (log.forecast_mean_base_m - log.forecast_true_base_m)[known, 1]
+    nees = [d @ np.linalg.inv(c) @ d for d, c in zip(off_m, log.forecast_covariance_m2[known, 1], strict=True)]
     assert m.forecast_nees_500 == pytest.approx(np.mean(nees))
     v = log.forecast_degrees_of_freedom[known]
     assert np.median(v) < 100.0  # of the first frame, by the filter, it is infinite

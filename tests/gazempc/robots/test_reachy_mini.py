@@ -24,12 +24,8 @@ from gazempc.robots.reachy_mini import ReachyMiniNeck
 from gazempc.robots.reachy_mini_pose import clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
-WIDE = NECK.with_axes(
-    {
-        name: axis.model_copy(update={"position_min_deg": -170, "position_max_deg": 170})
-        for name, axis in zip(("pan", "tilt"), NECK.axes, strict=True)
-    }
-)
+RANGE = {"position_min_deg": -170, "position_max_deg": 170}
+WIDE = NECK.with_axes({"pan": NECK.pan.model_copy(update=RANGE), "tilt": NECK.tilt.model_copy(update=RANGE)})
 SIDEWAYS = NECK.with_axes({"pan": NECK.pan.model_copy(update={"position_min_deg": 10.0})})
 AT_ONCE = {"approach_speed_rad_s": 1e9}
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)).map(np.array)
