@@ -22,7 +22,7 @@ from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.mpc.own import array_of
 from gazempc.controllers.mpc.problem import Trajectory, limits
 from gazempc.errors import SettingsError
-from gazempc.neck.kinematics import angle_deviations_rad, look_at
+from gazempc.neck.kinematics import angle_deviations_rad, look_at_rad
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import NeckSpec
 from gazempc.settings import DEFAULT_PREDICTOR, MpcSettings
@@ -90,7 +90,7 @@ def plan_example(settings: PlanExampleSettings, _: str = "") -> int:
     chosen = [m for m in moments if m.situation.start_s <= settings.at_s + 1e-9]
     if not chosen:
         raise SettingsError(f"--at-s {settings.at_s}: no person had been observed yet; use a later instant")
-    true_rad = look_at(neck.geometry, log.head_true_base_m).angles_rad[:, 0]
+    true_rad = look_at_rad(neck.geometry, log.head_true_base_m)[:, 0]
     figure = draw(chosen[-1], neck, log.time_s, true_rad)
     settings.out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(settings.out, dpi=110)
@@ -122,7 +122,7 @@ def draw(moment: Moment, neck: NeckSpec, time_s: FloatArray, true_pan_rad: Float
     forecast = situation.forecast
     two_dead_times = neck.dead_time_s[0] != neck.dead_time_s[1]
     half = slice(0, len(forecast.times_s) // (2 if two_dead_times else 1))
-    pan = np.rad2deg(np.unwrap(look_at(neck.geometry, forecast.means_base_m[half]).angles_rad[:, 0]))
+    pan = np.rad2deg(np.unwrap(look_at_rad(neck.geometry, forecast.means_base_m[half])[:, 0]))
     pairs = zip(forecast.means_base_m[half], forecast.covariances_m2[half], strict=True)
     sigma = np.rad2deg([angle_deviations_rad(mean, covariance)[0] for mean, covariance in pairs])
     at_s = forecast.times_s[half] - now_s

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from gazempc.neck.kinematics import gaze_ray, look_at, pan_tilt_rad, unwrap_pan
+from gazempc.neck.kinematics import gaze_ray, look_at_rad, pan_tilt_rad, unwrap_pan
 from gazempc.neck.spec import AXES
 from gazempc.results.figures.known import draw_known, finish, parts, shown_head
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, note, readable, shade_unscored, styles
@@ -121,7 +121,7 @@ def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
 def _toward(log: Log, head_base_m: FloatArray, ticks: IntArray) -> FloatArray:
     """Where heads are at these ticks, pan and tilt, shape (K, 2), radians: of the joints, or with more of the gaze."""
     if log.neck.joints == len(AXES):
-        return _continuous(log, look_at(log.neck.geometry, head_base_m).angles_rad)
+        return _continuous(log, look_at_rad(log.neck.geometry, head_base_m))
     joints_rad = np.where(np.isfinite(log.joint_position_rad), log.joint_position_rad, log.command_position_rad)
     eye_m, _ = gaze_ray(log.neck.geometry, joints_rad[ticks])
     return _continuous(log, pan_tilt_rad(head_base_m - eye_m))

@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gazempc.neck.kinematics import angle_deviations_rad, eye_angles_rad, gaze_error_rad, gaze_ray, look_at, unwrap_pan
+from gazempc.neck.kinematics import (
+    angle_deviations_rad,
+    eye_angles_rad,
+    gaze_error_rad,
+    gaze_ray,
+    look_at_rad,
+    unwrap_pan,
+)
 from gazempc.neck.spec import Geometry
 
 Array = NDArray[np.float64]
@@ -72,7 +79,7 @@ def test_the_eyes_angles_look_at_the_target() -> None:
 @given(
     geometry=geometries,
     direction=st.tuples(*[st.floats(-1, 1)] * 3),
-    distance=st.floats(0.3, 10.0),
+    distance=st.floats(0.6, 10.0),  # farther than any part of the neck reaches
 )
 def test_look_at_looks_at_the_target(
     geometry: Geometry, direction: tuple[float, float, float], distance: float
@@ -83,11 +90,7 @@ def test_look_at_looks_at_the_target(
     ground = float(np.hypot(target[0], target[1]))
     # Nearer than this to the cylinder that the gaze can just touch, angles are ill-conditioned.
     assume(ground > lateral + 0.02)
-    solution = look_at(geometry, target)
-    if ground > 0.5:  # farther than any part of the neck reaches
-        assert solution.reachable
-    if solution.reachable:
-        assert error_by_chain(geometry, solution.angles_rad, target) < 1e-9
+    assert error_by_chain(geometry, look_at_rad(geometry, target), target) < 1e-9
 
 
 @pytest.mark.parametrize("z", [0.5, 3.0, -3.0])
@@ -95,37 +98,18 @@ def test_look_at_looks_at_the_target(
     "geometry", [POINT, Geometry(tilt_axis_in_pan_m=(0.07, 0.0, 0.05), eye_in_tilt_m=(0.02, 0.0, 0.06))]
 )
 def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry: Geometry, z: float) -> None:
-    angles = look_at(geometry, [0.0, 0.0, z]).angles_rad
+    angles = look_at_rad(geometry, [0.0, 0.0, z])
     assert np.all(np.isfinite(angles))
     assert error_by_chain(geometry, angles, np.array([0.0, 0.0, z])) < 1e-9
-
-
-def test_a_target_that_is_seen_from_no_angles_is_flagged() -> None:
-    """By search over all pans and tilts."""
-    rng = np.random.default_rng(2)
-    pan, tilt = np.meshgrid(np.linspace(-np.pi, np.pi, 181), np.linspace(-np.pi, np.pi, 181))
-    grid = np.stack([pan, tilt], axis=-1)
-    flagged = 0
-    for _ in range(60):
-        tilt_axis, eye = rng.uniform(-0.1, 0.1, (2, 3))
-        geometry = Geometry(tilt_axis_in_pan_m=tuple(tilt_axis), eye_in_tilt_m=tuple(np.abs(eye)))
-        target = rng.uniform(-0.1, 0.1, 3)
-        eyes, gazes = gaze_ray(geometry, grid)
-        along = np.maximum(np.sum(gazes * (target - eyes), axis=-1), 0.0)
-        nearest_m = float(np.min(np.linalg.norm(eyes + along[..., None] * gazes - target, axis=-1)))
-        if nearest_m > 0.02:  # by more than the grid can miss
-            assert not look_at(geometry, target).reachable
-            flagged += 1
-    assert flagged > 10
 
 
 @pytest.mark.parametrize("shape", [(), (2, 4), (0,)])
 def test_shapes_broadcast(shape: tuple[int, ...]) -> None:
     targets = np.array([2.0, 0.0, 0.5]) + np.random.default_rng(1).uniform(-1, 1, (*shape, 3))
-    solution = look_at(OFFSET, targets)
-    assert solution.reachable.shape == gaze_error_rad(OFFSET, solution.angles_rad, targets).shape == shape
+    angles_rad = look_at_rad(OFFSET, targets)
+    assert gaze_error_rad(OFFSET, angles_rad, targets).shape == shape
     for index in np.ndindex(shape):
-        assert error_by_chain(OFFSET, solution.angles_rad[index], targets[index]) < 1e-9
+        assert error_by_chain(OFFSET, angles_rad[index], targets[index]) < 1e-9
 
 
 # ---------------------------------------------------------------- unwrapping
@@ -135,7 +119,7 @@ def test_shapes_broadcast(shape: tuple[int, ...]) -> None:
 def test_pan_is_continuous_round_the_robot(turns: float) -> None:
     angle = 2.0 + np.linspace(0.0, 2 * np.pi * turns, 200)
     targets = np.stack([3 * np.cos(angle), 3 * np.sin(angle), 0.3 * np.sin(3 * angle)], axis=-1)
-    wrapped = look_at(POINT, targets).angles_rad
+    wrapped = look_at_rad(POINT, targets)
     assert np.max(np.abs(np.diff(wrapped[:, 0]))) > 6.0
     continuous = unwrap_pan(wrapped, 2.0, -np.inf, np.inf)
     np.testing.assert_allclose(continuous[:, 0], angle, atol=1e-12)
@@ -185,7 +169,7 @@ def test_direction_deviations_are_those_of_the_derivative_of_look_at(target: lis
     """Propagated with a Jacobian by central differences, neck without offsets."""
     step_m = 1e-6
     moves = np.concatenate([np.eye(3), -np.eye(3)]) * step_m
-    angles = look_at(POINT, np.array(target) + moves).angles_rad
+    angles = look_at_rad(POINT, np.array(target) + moves)
     jacobian = (angles[:3] - angles[3:]).T / (2.0 * step_m)
     rng = np.random.default_rng(4)
     for _ in range(20):
