@@ -23,6 +23,7 @@ from gazempc.neck.spec import NeckSpec, load_neck
 
 # Host, and source, that start it.
 EMULATOR = "emulator"
+# Field of view, and time from the exposure of a picture to its first byte.
 FOV_DEG = 60.0
 LATENCY_S = 0.2
 _SIZE = (480, 270)
@@ -40,15 +41,12 @@ class PtzEmulator:
 
     Args:
         neck: The camera: a neck whose joints take speeds, its name or its file.
-        latency_s: Time from the exposure of a picture to its first byte, seconds.
-        person: Whether a person walks in the picture.
     """
 
     running: PtzEmulator | None = None
 
-    def __init__(self, neck: str | NeckSpec, latency_s: float = LATENCY_S, person: bool = True) -> None:
+    def __init__(self, neck: str | NeckSpec) -> None:
         self._neck = load_neck(neck) if isinstance(neck, str) else neck
-        self._work = self._neck, latency_s, person
         self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
         self.address = ("", 0)
@@ -66,7 +64,7 @@ class PtzEmulator:
         if self._process is None:
             context = multiprocessing.get_context("spawn")
             self._pipe, theirs = context.Pipe()
-            self._process = context.Process(target=_serve, args=(*self._work, theirs), name="emulator", daemon=True)
+            self._process = context.Process(target=_serve, args=(self._neck, theirs), name="emulator", daemon=True)
             self._process.start()
             theirs.close()
             try:
@@ -134,18 +132,18 @@ def _server(pictures: deque[tuple[float, bytes]]) -> ThreadingHTTPServer:
     return server
 
 
-def _serve(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> None:
+def _serve(neck: NeckSpec, pipe: Connection) -> None:
     import signal  # noqa: PLC0415
 
     # Ctrl-C is for the run, which stops the camera first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        _emulate(neck, latency_s, person, pipe)
+        _emulate(neck, pipe)
     except (GazempcError, RuntimeError) as error:
         pipe.send(str(error))
 
 
-def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> None:
+def _emulate(neck: NeckSpec, pipe: Connection) -> None:
     from gazempc.robots.mujoco import MujocoNeck  # noqa: PLC0415
     from gazempc.robots.studio import Studio, StudioPerson  # noqa: PLC0415
     from gazempc.robots.visca_server import ViscaServer  # noqa: PLC0415
@@ -169,11 +167,9 @@ def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -
             exposed_s = time.monotonic()
             head = plant.data.body("head")
             place_m, turn = np.array(head.xpos), Rotation.from_matrix(np.array(head.xmat).reshape(3, 3))
-        someone = None
-        if person:
-            aside_m = _ASIDE_M * math.sin(math.tau * (exposed_s - start_s) / _PERIOD_S)
-            someone = StudioPerson(np.array([_DISTANCE_M, aside_m, _UP_M]), math.pi + math.atan2(aside_m, _DISTANCE_M))
-        rgb = studio.picture(someone, place_m + turn.apply(neck.geometry.eye_in_tilt_m), turn)
+        aside_m = _ASIDE_M * math.sin(math.tau * (exposed_s - start_s) / _PERIOD_S)
+        person = StudioPerson(np.array([_DISTANCE_M, aside_m, _UP_M]), math.pi + math.atan2(aside_m, _DISTANCE_M))
+        rgb = studio.picture(person, place_m + turn.apply(neck.geometry.eye_in_tilt_m), turn)
         _, jpeg = cv2.imencode(".jpg", rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
-        pictures.append((exposed_s + latency_s, jpeg.tobytes()))
+        pictures.append((exposed_s + LATENCY_S, jpeg.tobytes()))
         exposed_s += 1.0 / _FPS
