@@ -116,10 +116,10 @@ def measure(log: Log) -> Metrics:
     scored = scored_ticks(log, judged)
     if scored.sum() < _FEWEST_SCORED:
         lasts_s = log.time_s[-1] - log.time_s[0]
-        why = f"{lasts_s:.2f} s is too short: at least {MIN_DURATION_S} s are needed"
+        why, needed = f"{lasts_s:.2f} s is too short: gaze is scored", f"{MIN_DURATION_S} s"
         if knows_head and lasts_s >= MIN_DURATION_S:
-            why = f"true head and joints are known at {scored.sum()} ticks, at least {_FEWEST_SCORED} are needed"
-        raise LeftOutError(f"{log.run.recording}: {why}; gaze is scored from {SCORED_FROM_S} s on")
+            why, needed = f"true head and joints are known at {scored.sum()} ticks", str(_FEWEST_SCORED)
+        raise LeftOutError(f"{log.run.recording}: {why} from {SCORED_FROM_S} s on, at least {needed} are needed")
     reached = error <= CONTACT_DEG[0]
     moved = travel(log.time_s, log.head_true_base_m)
     error_scored = error[scored]
