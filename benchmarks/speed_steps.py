@@ -17,7 +17,7 @@ from gazempc.live.process import fast_switching
 from gazempc.live.run import LiveRun
 from gazempc.live.session import parse
 from gazempc.live.setup import build
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import Axis, NeckSpec, load_neck
 from gazempc.neck.speed_steps import SpeedDither, SpeedSteps
 from gazempc.results.log import Log
@@ -74,7 +74,7 @@ def _run(neck: NeckSpec, walk: str) -> tuple[float, float, float]:
 
 def _figures(neck: NeckSpec, log: Log, rows: FloatArray, driven: int) -> tuple[float, float, float]:
     known = np.isfinite(log.head_true_base_m).all(axis=1) & (log.time_s > log.time_s[0] + _SETTLED_S)
-    wanted = np.array([look_at(neck.geometry, head_m).angles_rad for head_m in log.head_true_base_m[known]])
+    wanted = np.array([look_at_rad(neck.geometry, head_m) for head_m in log.head_true_base_m[known]])
     found = np.stack([np.interp(log.time_s[known], rows[:, 0], rows[:, k]) for k in (1, 2)], axis=1)
     error_deg = float(np.rad2deg(np.sqrt(np.mean(np.sum((found - wanted) ** 2, axis=1)))))
     period_s = 0.05

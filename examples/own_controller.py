@@ -3,7 +3,7 @@
 import numpy as np
 
 import gazempc as gz
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 
 
 class Early:
@@ -23,7 +23,7 @@ class Early:
     def plan(self, situation):
         """Commands from `situation.start_s` on; the loop makes a motion within limits of them."""
         head_m = situation.forecast.means_base_m[0]
-        angles_rad = look_at(self.neck.geometry, head_m).angles_rad
+        angles_rad = look_at_rad(self.neck.geometry, head_m)
         position_rad = self.neck.command_limits.clip_position(angles_rad)[None]
         still = np.zeros((1, 2))
         return gz.Plan(situation.start_s, 0.4, position_rad, still, still)

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from experiments.engine.job import Row, key_of, models_hash, recording_hash
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import TRUE_FUTURE
@@ -80,7 +80,7 @@ def least_error_deg(log: Log, first_observation_s: float) -> float:
         RMS gaze error, degrees.
     """
     neck, n = log.neck, len(log.time_s)
-    aims = look_at(neck.geometry, log.head_true_base_m).angles_rad
+    aims = look_at_rad(neck.geometry, log.head_true_base_m)
     pan, worth = np.unwrap(aims[:, 0]), np.cos(aims[:, 1])
     scored = log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9
     start, h = float(log.joint_position_rad[0, 0]), neck.servo_period_s

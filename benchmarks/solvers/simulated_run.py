@@ -14,7 +14,7 @@ from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.mpc.condense import growing_steps
 from gazempc.controllers.mpc.ocp import Solution
 from gazempc.neck.ahead import settled_joints
-from gazempc.neck.kinematics import look_at, unwrap_pan
+from gazempc.neck.kinematics import look_at_rad, unwrap_pan
 from gazempc.neck.spec import CommandLimits, NeckSpec
 from gazempc.types import FloatArray
 from predictors import ConstantVelocity, Forecast, HeadObservation
@@ -132,7 +132,7 @@ def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
     states, references, situations, answers = [], [], [], list[list[Solution]]()
     joints, sent = list[FloatArray](), list[FloatArray]()
     for k, forecast in enumerate(forecasts(neck, max(steps, STEPS), ticks, seed)):
-        angles = look_at(neck.geometry, forecast.means_base_m).angles_rad
+        angles = look_at_rad(neck.geometry, forecast.means_base_m)
         if k == 0:
             z[:, 0] = z[:, 2] = limits.clip_position(angles[0])
             joints, sent = [z[:, :2]] * late, [z[:, 2]] * on_the_way

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from gazempc.identify.record import IdentificationError, NeckRecord
-from gazempc.neck.spec import Axis
 from gazempc.types import FloatArray
 
 FEWEST_READINGS = 60
@@ -61,46 +59,34 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
     def refuse(problem: str, advice: str) -> IdentificationError:
         return IdentificationError(f"{name}: {problem}: {advice}")
 
-    if record.joint_time_s.size == 0:
-        raise refuse(
-            f"the joints were not reported once ({record.failed_reads} reads failed)",
-            "a neck without encoders cannot be identified this way; check the robot's connection",
-        )
+    reported, failed = record.joint_time_s.size, record.failed_reads
+    if reported == 0:
+        raise refuse(f"the joints were not reported once ({failed} reads failed)", "check the robot's connection")
     command_time_s, command = _advancing(record.command_time_s, record.command_rad[:, index])
     time_s, measured = _advancing(record.joint_time_s - read_delay_s, record.joint_rad[:, index])
-    if time_s.size < FEWEST_READINGS:
-        raise refuse(
-            f"{record.joint_time_s.size} readings with {time_s.size} different time stamps; "
-            f"at least {FEWEST_READINGS} are needed",
-            "record longer, or check that the robot's time stamps advance",
-        )
+    if (stamps := time_s.size) < FEWEST_READINGS:
+        needed = f"at least {FEWEST_READINGS} are needed"
+        raise refuse(f"{reported} readings with {stamps} different time stamps; {needed}", "record longer")
     span_s = min(time_s[-1], command_time_s[-1]) - max(time_s[0], command_time_s[0])
     if span_s < _SHORTEST_S:
-        raise refuse(
-            f"commands and angles share {max(span_s, 0.0):.1f} s; at least {_SHORTEST_S:g} s are needed",
-            "record longer, or check that both have time stamps of one clock",
-        )
+        shared = f"commands and angles share {max(span_s, 0.0):.1f} s; at least {_SHORTEST_S:g} s are needed"
+        raise refuse(shared, "record longer, with time stamps of one clock")
     inside = (time_s >= command_time_s[0]) & (time_s <= command_time_s[-1] + 1.0)
     time_s, measured = time_s[inside], measured[inside]
-    asked = float(np.ptp(command))
-    if math.degrees(asked) < _LEAST_COMMAND_DEG:
-        raise refuse(
-            f"its command moves over {math.degrees(asked):.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed",
-            "move it more (--amplitude-deg), or leave it out with --axes",
-        )
-    wild = _misread(time_s, measured, axis)
-    if wild.mean() > _MOST_MISREAD:
-        raise refuse(
-            f"{100 * wild.mean():.0f} % of the readings jump as no joint can (at most {100 * _MOST_MISREAD:.0f} %)",
-            "check the encoder, its wiring and its unit",
-        )
+    asked_deg = float(np.rad2deg(np.ptp(command)))
+    if asked_deg < _LEAST_COMMAND_DEG:
+        moves = f"its command moves over {asked_deg:.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed"
+        raise refuse(moves, "move it more (--amplitude-deg), or leave it out with --axes")
+    # Failed readings often come as a fixed angle far away, such as -180 deg.
+    reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
+    wild = np.abs(measured - median_filter(measured, size=5, mode="nearest")) > _MISREAD_RAD + reach
+    if (share := wild.mean()) > _MOST_MISREAD:
+        raise refuse(f"{100 * share:.0f} % of the readings jump as no joint can", "check the encoder and its unit")
     time_s, measured = time_s[~wild], measured[~wild]
-    moved = float(np.ptp(np.percentile(measured, (1, 99))))
-    if moved < _LEAST_FOLLOWED * asked:
-        raise refuse(
-            f"the command moved over {math.degrees(asked):.1f} deg, the joint over {math.degrees(moved):.1f} deg",
-            "check that its motor is on, and that the angles are in radians and of this axis",
-        )
+    moved_deg = float(np.rad2deg(np.ptp(np.percentile(measured, (1, 99)))))
+    if moved_deg < _LEAST_FOLLOWED * asked_deg:
+        moves = f"the command moved over {asked_deg:.1f} deg, the joint over {moved_deg:.1f} deg"
+        raise refuse(moves, "check that its motor is on, and that the angles are in radians and of this axis")
     return AxisData(command_time_s, command, time_s, measured, int(wild.sum()))
 
 
@@ -111,10 +97,3 @@ def _advancing(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, Float
     newest = np.maximum.accumulate(time_s) if time_s.size else time_s
     new = np.append(True, time_s[1:] > newest[:-1] + 1e-6)[: time_s.size]
     return time_s[new], value[new]
-
-
-def _misread(time_s: FloatArray, measured: FloatArray, axis: Axis) -> NDArray[np.bool_]:
-    # Failed readings often come as a fixed angle far away, such as -180 deg.
-    reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
-    jump = np.abs(measured - median_filter(measured, size=5, mode="nearest"))
-    return np.asarray(jump > _MISREAD_RAD + reach)

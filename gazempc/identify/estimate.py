@@ -14,8 +14,7 @@ from gazempc.types import FloatArray
 
 # Below these the result is doubted after the fit.
 _LEAST_FIT_PERCENT = 80.0
-_WIDEST_DEAD_TIME_S = 0.02
-_WIDEST_BANDWIDTH = 0.25
+_WIDEST_MS, _WIDEST_PERCENT = 20.0, 25.0  # of dead time and bandwidth
 # An encoder of 4096 steps has no more structure than this in its rounding.
 _NOTED_DEG = 0.1
 # The arithmetic of the model is that good; a narrower interval would claim more than the neck's model can hold.
@@ -49,6 +48,17 @@ class Interval:
     def half_width(self) -> float:
         """The larger distance from the estimate to an end."""
         return max(self.high - self.value, self.value - self.low)
+
+    @staticmethod
+    def around(value: float, half_width: float) -> Interval:
+        """A symmetric interval."""
+        return Interval(value, value - half_width, value + half_width)
+
+    def shown(self, factor: float, digits: int) -> str:
+        """Estimate and half width in a unit of which there are `factor` in one, such as ``400.0 ± 0.1``."""
+        # An interval rounded to nothing would claim certainty.
+        half = max(factor * self.half_width, 10.0**-digits)
+        return f"{factor * self.value:.{digits}f} ± {half:.{digits}f}"
 
 
 @dataclass(frozen=True)
@@ -136,23 +146,24 @@ def estimate_axis(
     # Commands before the record are unknown and act until a dead time after its first command.
     known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
     if np.count_nonzero(known) < FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
-        raise IdentificationError(
-            f"{name}: too few readings after the first command can have acted "
-            f"({np.count_nonzero(known)} of at least {FEWEST_READINGS}): record longer"
-        )
+        raise IdentificationError(f"{name}: too few readings after the first command can have acted: record longer")
     time_s, measured = data.time_s[known], data.measured_rad[known]
     model = ServoModel(data.command_time_s, data.command_rad, time_s)
 
-    def split(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def fitted_to(values: FloatArray) -> tuple[FloatArray, float]:
         wn, zeta = math.exp(values[1]), math.exp(values[2])
         answer = model.delayed(model.motion(wn, zeta), float(values[0]))
         columns = np.column_stack([np.ones(time_s.size), model.free(wn, zeta)])
-        weights = _weights(columns, measured - answer)
-        return answer + columns @ weights, weights, answer
+        # A fast servo forgets its initial state within few readings: those columns may be all but zero.
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-9)
+        weights = np.linalg.lstsq(columns / size, measured - answer, rcond=1e-6)[0] / size
+        return answer + columns @ weights, float(weights[0])
 
     low, high = (_EARLIEST_S, *_LOWEST), (dead_time_max_s, *_HIGHEST)
-    best = fit(lambda values: np.rad2deg(measured - split(values)[0]), starts, low, high)
-    fitted, weights, _ = split(best.values)
+    best = fit(lambda values: np.rad2deg(measured - fitted_to(values)[0]), starts, low, high)
+    fitted, offset_rad = fitted_to(best.values)
+    # Second differences of white noise have six times its variance, and leave nothing of what changes slowly.
+    noise_deg2 = float(np.mean(np.diff(best.residual, 2) ** 2)) / 6.0
     spread = float(np.linalg.norm(measured - measured.mean()))
     fit_percent = 100.0 * (1.0 - float(np.linalg.norm(measured - fitted)) / spread)
     dead_time, wn, zeta, bandwidth, lag = _intervals(best)
@@ -164,10 +175,10 @@ def estimate_axis(
         damping_ratio=zeta,
         bandwidth_hz=bandwidth,
         servo_lag_s=lag,
-        offset_rad=float(weights[0]),
+        offset_rad=offset_rad,
         fit_percent=fit_percent,
         residual_rms_deg=float(np.sqrt(np.mean(best.residual**2))),
-        structured_rms_deg=_structured_rms(best.residual),
+        structured_rms_deg=math.sqrt(max(float(np.mean(best.residual**2)) - noise_deg2, 0.0)),
         misread=data.misread,
         time_s=time_s,
         measured_rad=measured,
@@ -218,30 +229,13 @@ def _intervals(best: Fit) -> tuple[Interval, ...]:
         (bandwidth_hz(wn, zeta), (1.0, slope)),
         (2 * zeta / wn, (-1.0, 1.0)),
     )
-    found = [Interval(dead_time_s, dead_time_s - half_s, dead_time_s + half_s)]
+    found = [Interval.around(dead_time_s, half_s)]
     for value, gradient in combinations:
         variance = float(np.array(gradient) @ best.covariance[1:, 1:] @ np.array(gradient))
         # A width beyond e^50 is no more than "anything"; the exponential must not overflow.
         half = min(max(Z_95 * math.sqrt(max(variance, 0.0)), _NARROWEST_SHARE), 50.0)
         found.append(Interval(value, value * math.exp(-half), value * math.exp(half)))
     return tuple(found)
-
-
-def _weights(columns: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Least squares for three columns; by normal equations, which for so few need no threads."""
-    # A fast servo forgets its initial state within few readings: those columns may be all but zero.
-    size = np.maximum(np.sqrt(np.einsum("ij,ij->j", columns, columns)), 1e-9)
-    scaled = columns / size
-    gram = np.einsum("ij,ik->jk", scaled, scaled)
-    inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
-    weights: FloatArray = inverse @ np.einsum("ij,i->j", scaled, wanted) / size
-    return weights
-
-
-def _structured_rms(residual: FloatArray) -> float:
-    # Second differences of white noise have six times its variance, and leave nothing of what changes slowly.
-    noise = float(np.mean(np.diff(residual, 2) ** 2)) / 6.0
-    return math.sqrt(max(float(np.mean(residual**2)) - noise, 0.0))
 
 
 def _doubts(
@@ -252,34 +246,25 @@ def _doubts(
     dead_time: Interval,
     bandwidth: Interval,
 ) -> tuple[str, ...]:
+    more = "move more (--amplitude-deg) or longer (--duration-s)"
+    clocks = "check that commands and angles have time stamps of one clock"
+    width_ms, width_percent = 1e3 * dead_time.half_width, 100.0 * bandwidth.half_width / bandwidth.value
     found = []
     if fit_percent < _LEAST_FIT_PERCENT:
         found.append(
-            f"{name}: the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are "
-            "needed: look at the figure; the joint may be hindered, too slow for its commands (lower the limits in the "
-            "neck file) or no second-order servo"
+            f"the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are needed: look "
+            "at the figure; the joint may be hindered, too slow for its commands or no second-order servo"
         )
-    if dead_time.half_width > _WIDEST_DEAD_TIME_S:
-        found.append(
-            f"{name}: the dead time is only known to +-{1e3 * dead_time.half_width:.0f} ms; "
-            f"+-{1e3 * _WIDEST_DEAD_TIME_S:.0f} ms are needed: move more (--amplitude-deg) or longer (--duration-s)"
-        )
-    if (width := bandwidth.half_width / bandwidth.value) > _WIDEST_BANDWIDTH:
-        found.append(
-            f"{name}: the bandwidth is only known to +-{100 * width:.0f} %; +-{100 * _WIDEST_BANDWIDTH:.0f} % are "
-            "needed: move more (--amplitude-deg) or longer (--duration-s)"
-        )
-    clocks = "check that commands and angles have time stamps of one clock"
-    hindered = "the joint may be hindered, or too fast or slow for its readings to show it"
+    widths = (("dead time", width_ms, _WIDEST_MS, "ms"), ("bandwidth", width_percent, _WIDEST_PERCENT, "%"))
+    for what, width, widest, unit in widths:
+        if width > widest:
+            found.append(f"the {what} is only known to +-{width:.0f} {unit}; +-{widest:g} {unit} are needed: {more}")
     for i, label in enumerate(("dead time", "natural frequency", "damping ratio")):
         for bound in (bounds[0][i], bounds[1][i]):
             if abs(best.values[i] - bound) < _AT_BOUND:
                 end = f"{1e3 * bound:.4g} ms" if i == 0 else f"{math.exp(bound):.4g}"
-                advice = hindered if i else f"allow more (--dead-time-max-s), or {clocks}" if bound > 0 else clocks
-                found.append(f"{name}: the {label} is at the end of what was looked for ({end}): {advice}")
+                advice = "the joint may be hindered" if i else f"allow more (--dead-time-max-s), or {clocks}"
+                found.append(f"the {label} is at the end of what was looked for ({end}): {advice}")
     if dead_time.high < -_NARROWEST_S:
-        found.append(
-            f"{name}: the joint moves {-1e3 * dead_time.value:.1f} ms before its commands: commands and angles do not "
-            "have time stamps of one clock, or --read-delay-s is too large"
-        )
-    return tuple(found)
+        found.append(f"the joint moves {-1e3 * dead_time.value:.1f} ms before its commands: {clocks}")
+    return tuple(f"{name}: {doubt}" for doubt in found)

@@ -82,17 +82,19 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
     Raises:
         SettingsError: If the neck has no such joint.
     """
-    moving = moving_joints(neck, settings.axes)
+    moving, limits = moving_joints(neck, settings.axes), neck.command_limits
     in_turn = "in_turn" in settings.axes
     columns = []
     for axis, name in enumerate(neck.joint_names):
-        moves = name in moving
-        part = _motion(neck, axis, settings)
+        part, centre = _motion(neck, axis, settings), float(start_rad[axis])
         parts = [np.zeros_like(part)] * (len(moving) if in_turn else 1)
-        if moves:
+        if name in moving:
             parts[moving.index(name) if in_turn else 0] = part
+            # As near to rest as the room for the motion allows.
+            room = _amplitude_rad(neck, axis, settings) * np.array([1.0, -1.0])
+            ends = np.array([limits.position_min_rad[axis], limits.position_max_rad[axis]]) + room
+            centre = float(np.clip(neck.rest_rad[axis], *ends))
         part = np.concatenate(parts)
-        centre = _centre(neck, axis, settings) if moves else float(start_rad[axis])
         approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
         columns.append((approach, centre + part))
     # All wait for the one that takes longer to get to its middle.
@@ -145,24 +147,13 @@ def _amplitude_rad(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> f
     return min(float(np.deg2rad(settings.amplitude_deg)), half)
 
 
-def _centre(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> float:
-    # As near to rest as the room for the motion allows.
-    limits, amplitude = neck.command_limits, _amplitude_rad(neck, axis, settings)
-    low, high = float(limits.position_min_rad[axis]) + amplitude, float(limits.position_max_rad[axis]) - amplitude
-    return float(np.clip(neck.rest_rad[axis], low, high))
-
-
 def _motion(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> FloatArray:
     """The motion of one axis around 0, at rest in the beginning and in the end; shape (K,), radians."""
     rng = np.random.default_rng([settings.seed, axis])
-    rate_hz = neck.servo_rate_hz
-    total = round((settings.duration_s + _REST_BEFORE_S + _REST_AFTER_S) * rate_hz)
     steps = _steps(neck, axis, settings, rng)
-    rest = np.zeros(round(_REST_BEFORE_S * rate_hz))
-    left = total - rest.size - steps.size - round(_REST_AFTER_S * rate_hz)
-    sines = _multisine(neck, axis, settings, rng, left)
-    motion = np.concatenate([rest, steps, sines])
-    return np.pad(motion, (0, total - motion.size))
+    sines = _multisine(neck, axis, settings, rng, round(settings.duration_s * neck.servo_rate_hz) - steps.size)
+    rests = [round(rest_s * neck.servo_rate_hz) for rest_s in (_REST_BEFORE_S, _REST_AFTER_S)]
+    return np.pad(np.concatenate([steps, sines]), rests)
 
 
 def _steps(neck: NeckSpec, axis: int, settings: ExcitationSettings, rng: np.random.Generator) -> FloatArray:
@@ -199,12 +190,7 @@ def _multisine(
     shape = waves.sum(axis=0) * ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
     # At rest before and after: the differences across the ends count too.
     padded = np.pad(shape, 3)
-    bounds = (
-        _amplitude_rad(neck, axis, settings),
-        _MARGIN * float(limits.velocity_max_rad_s[axis]),
-        _MARGIN * float(limits.acceleration_max_rad_s2[axis]),
-        _MARGIN * float(limits.jerk_max_rad_s3[axis]),
-    )
+    bounds = (_amplitude_rad(neck, axis, settings), *(_MARGIN * limit[axis] for limit in limits.derivatives))
     peaks = [float(np.abs(np.diff(padded, order)).max()) / period_s**order for order in range(4)]
     scaled: FloatArray = shape * min(bound / peak for bound, peak in zip(bounds, peaks, strict=True))
     return scaled
@@ -212,8 +198,7 @@ def _multisine(
 
 def _move(neck: NeckSpec, axis: int, start_rad: float, target_rad: float, speed_share: float) -> FloatArray:
     """Rest to rest as fast as the margin allows; shape (K,) from one period after the start, radians."""
-    limits = neck.command_limits
-    bounds = (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3)
     shares = (speed_share * _MARGIN, _MARGIN, _MARGIN)
-    each = [share * bound[axis : axis + 1] for share, bound in zip(shares, bounds, strict=True)]
+    limits = zip(shares, neck.command_limits.derivatives, strict=True)
+    each = [share * limit[axis : axis + 1] for share, limit in limits]
     return move_rad(np.array([start_rad]), np.array([target_rad]), each, neck)[:, 0]

@@ -20,7 +20,6 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
-from gazempc.identify.estimate import Interval
 from gazempc.identify.new_neck import as_toml
 from gazempc.identify.record import IdentificationError
 from gazempc.identify.turning import Odometer, Pulse, TurnEstimate, Turning, estimate_turns
@@ -92,12 +91,14 @@ class _Eye:
             self.taken.append((self.clock.from_monotonic_s(found.captured_s), grey))
 
 
+@dataclass
 class _Bench:
     """Robot and pictures during the pulses."""
 
-    def __init__(self, robot: Robot, eye: _Eye, clock: RealClock) -> None:
-        self.robot, self.eye, self.clock = robot, eye, clock
-        self._answers: list[tuple[float, FloatArray]] = []
+    robot: Robot
+    eye: _Eye
+    clock: RealClock
+    _answers: list[tuple[float, FloatArray]] = field(default_factory=list)
 
     def hold(self, speeds_rad_s: FloatArray, until_s: float) -> float:
         """Command speeds until a time; gives when the device was sent them."""
@@ -163,9 +164,7 @@ def _commanded(robot: str, neck: NeckSpec) -> NeckSpec:
     counts = SPEEDS if split_address(robot)[0] == "visca" else (_SHARES, _SHARES)
     axes = {}
     for name, axis, usual in zip(AXES, neck.axes, counts, strict=True):
-        count = len(_steps(axis)) or usual
-        speeds = tuple(axis.full_rad_s * (k + 1) / count for k in range(count))
-        steps = SpeedSteps(positive_rad_s=speeds, negative_rad_s=speeds)
+        steps = SpeedSteps.equal(axis.full_rad_s, len(_steps(axis)) or usual)
         axes[name] = axis.model_copy(update={"speed_steps": steps, "velocity_max_rad_s": axis.full_rad_s})
     return neck.model_copy(update=axes)
 
@@ -246,7 +245,7 @@ def _measured(
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
     rough = estimate_turns([_angles(turnings[0], p, greys, _KEY_SHARE * fov_rad) for p, _, greys in tried], delay_max_s)
     after_s = rough.delay_s.value + 4.0 / rough.natural_frequency_rad_s.value + 0.5
-    found, done = [], 0
+    found: list[TurnedAxis] = []
     for index, name in enumerate(AXES):
         view_rad = (fov_rad, fov_rad * height / width)[index]
         seen, reported = [], []
@@ -255,11 +254,10 @@ def _measured(
                 lasts_s = _lasts_s(likely[index][step - 1], view_rad)
                 pulse, answers, greys = bench.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
                 seen.append(_angles(turnings[index], pulse, greys, _KEY_SHARE * view_rad))
-                reported.append(answers)
-                done += 1
-                progress.at(done / (2 * sum(map(len, plans))))
-        answered = [answers for answers in reported if answers.time_s.size]
-        by_answers = estimate_turns(answered, delay_max_s) if answered else None
+                if answers.time_s.size:
+                    reported.append(answers)
+            progress.at((index + step / len(plans[index])) / len(plans))
+        by_answers = estimate_turns(reported, delay_max_s) if reported else None
         found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, len(plans[index])))
     return fov_rad, found
 
@@ -280,22 +278,16 @@ def latency_s(axes: Sequence[TurnedAxis], camera: CameraOptions) -> float:
 
 def table(axes: Sequence[TurnedAxis], fov_rad: float) -> str:
     """The result as text, with 95 % intervals."""
-
-    def shown(value: Interval, factor: float, digits: int) -> str:
-        return f"{factor * value.value:.{digits}f} ± {factor * value.half_width:.{digits}f}"
-
     lines = [f"lens angle {math.degrees(fov_rad):.1f} deg"]
     for axis in axes:
         picture = axis.picture
-        lines.append(f"{axis.name}: delay from command to picture {shown(picture.delay_s, 1e3, 1)} ms")
+        lines.append(f"{axis.name}: delay from command to picture {picture.delay_s.shown(1e3, 1)} ms")
         if axis.answers is not None:
-            lines.append(f"  of it dead time, by the position answers, {shown(axis.answers.delay_s, 1e3, 1)} ms")
-        lines.append(
-            f"  natural frequency {shown(picture.natural_frequency_rad_s, 1.0, 1)} rad/s; sign {picture.sign:+d}"
-        )
-        lines.append(f"  residual {picture.residual_deg:.3f} deg")
+            lines.append(f"  of it dead time, by the position answers, {axis.answers.delay_s.shown(1e3, 1)} ms")
         lines += [
-            f"  step {k:+d}: {shown(speed, 180.0 / math.pi, 2)} deg/s" for k, speed in picture.speeds_rad_s.items()
+            f"  natural frequency {picture.natural_frequency_rad_s.shown(1.0, 1)} rad/s; sign {picture.sign:+d}",
+            f"  residual {picture.residual_deg:.3f} deg",
+            *(f"  step {k:+d}: {speed.shown(180.0 / math.pi, 2)} deg/s" for k, speed in picture.speeds_rad_s.items()),
         ]
     return "\n".join(lines)
 
@@ -327,8 +319,8 @@ def neck_toml(
 
 def _ascending(axis: TurnedAxis, way: int) -> list[float]:
     """Speeds of the steps to one side; a step that no picture shows lies between its neighbours."""
-    each = ((way * step, speed.value) for step, speed in axis.picture.speeds_rad_s.items() if way * step > 0)
-    known = dict(sorted(each))
+    speeds = axis.picture.speeds_rad_s
+    known = {way * step: speeds[step].value for step in sorted(speeds, key=abs) if way * step > 0}
     if not known:
         raise IdentificationError(f"{axis.name}: no picture shows the speeds to one side: more light, less blur")
     measured = np.abs(np.interp(np.arange(1, axis.steps + 1), list(known), list(known.values())))

@@ -6,16 +6,22 @@ import datetime
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from gazempc.identify.estimate import AxisEstimate, Interval
+from gazempc.identify.estimate import AxisEstimate
 from gazempc.identify.new_neck import as_toml
 from gazempc.identify.record import NeckRecord
 from gazempc.neck.spec import NeckSpec
+from gazempc.results.table import aligned
 
-_MEASURED, _MODEL = "#E69F00", "#00405F"
+_LOOKS: tuple[dict[str, Any], ...] = (
+    {"label": "command sent", "color": "0.55", "lw": 1.2, "drawstyle": "steps-post"},
+    {"label": "measured", "color": "#E69F00", "lw": 3.6},
+    {"label": "fitted model, from the commands alone", "color": "#00405F", "lw": 1.2, "ls": (0, (5, 1.5))},
+)
 _DPI = 110
 _DETAIL_S = 4.0
 # More than two joints do not fit beside each other in a terminal.
@@ -49,11 +55,11 @@ def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
         cells = [label]
         for e in estimates:
             filed = getattr(neck.axes[neck.joint_names.index(e.axis)], name)
-            cells += [_shown(getattr(e, name), factor, digits), f"{factor * filed:.{digits}f}"]
+            cells += [getattr(e, name).shown(factor, digits), f"{factor * filed:.{digits}f}"]
         lines.append(cells)
     # The neck file has no such figures.
     alone: tuple[tuple[str, Callable[[AxisEstimate], str]], ...] = (
-        ("bandwidth, -3 dB (Hz)", lambda e: _shown(e.bandwidth_hz, 1.0, 3)),
+        ("bandwidth, -3 dB (Hz)", lambda e: e.bandwidth_hz.shown(1.0, 3)),
         ("offset (deg)", lambda e: f"{round(math.degrees(e.offset_rad), 2) + 0.0:.2f}"),
         ("fit (%)", lambda e: f"{e.fit_percent:.2f}"),
         ("residual RMS (deg)", lambda e: f"{e.residual_rms_deg:.3f}"),
@@ -61,12 +67,7 @@ def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
         ("readings used", lambda e: f"{e.time_s.size}" + (f" ({e.misread} misread)" if e.misread else "")),
     )
     lines += [[label, *(text for e in estimates for text in (cell(e), ""))] for label, cell in alone]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
-    text = []
-    for line in lines:
-        cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
-        text.append("  ".join([line[0].ljust(widths[0]), *cells[1:]]).rstrip())
-    return "\n".join(text)
+    return "\n".join(aligned(lines))
 
 
 def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, origin: str, day: datetime.date) -> str:
@@ -83,7 +84,7 @@ def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, orig
         TOML that `gazempc.neck.spec.load_neck` reads.
     """
     found = "; ".join(
-        f"{e.axis}: dead time {_shown(e.dead_time_s, 1e3, 1)} ms, bandwidth {_shown(e.bandwidth_hz, 1.0, 3)} Hz, "
+        f"{e.axis}: dead time {e.dead_time_s.shown(1e3, 1)} ms, bandwidth {e.bandwidth_hz.shown(1.0, 3)} Hz, "
         f"fit {e.fit_percent:.1f} %"
         for e in estimates
     )
@@ -117,16 +118,18 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
     for rows, e in zip(columns, estimates, strict=True):
         command_deg = np.rad2deg(record.command_rad[:, names.index(e.axis)])
         from_s = _busiest_s(e)
+        angles_deg = (command_deg, np.rad2deg(e.measured_rad), np.rad2deg(e.model_rad))
         for ax in rows[:2]:
-            ax.plot(record.command_time_s - start_s, command_deg, color="0.55", lw=1.2, drawstyle="steps-post")
-            ax.plot(e.time_s - start_s, np.rad2deg(e.measured_rad), color=_MEASURED, lw=3.6)
-            ax.plot(e.time_s - start_s, np.rad2deg(e.model_rad), color=_MODEL, lw=1.2, ls=(0, (5, 1.5)))
+            for times_s, shown_deg, look in zip(
+                (record.command_time_s, e.time_s, e.time_s), angles_deg, _LOOKS, strict=True
+            ):
+                ax.plot(times_s - start_s, shown_deg, **look)
             ax.set_ylabel("angle (deg)")
         end_s = float(e.time_s[-1]) - start_s
         rows[0].set(xlim=(0.0, end_s))
         rows[0].set_title(
-            f"{e.axis}: dead time {_shown(e.dead_time_s, 1e3, 1)} ms\n"
-            f"bandwidth {_shown(e.bandwidth_hz, 1.0, 2)} Hz, damping {_shown(e.damping_ratio, 1.0, 2)}, "
+            f"{e.axis}: dead time {e.dead_time_s.shown(1e3, 1)} ms\n"
+            f"bandwidth {e.bandwidth_hz.shown(1.0, 2)} Hz, damping {e.damping_ratio.shown(1.0, 2)}, "
             f"fit {e.fit_percent:.1f} %",
             fontsize="medium",
         )
@@ -139,11 +142,7 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
             ax.grid(color="0.9", lw=0.6)
         rows[1].set_title(f"the shaded {_DETAIL_S:g} s in detail", loc="left", fontsize="small")
         rows[2].set_title(f"measured - model: RMS {e.residual_rms_deg:.3f} deg", loc="left", fontsize="small")
-    key = columns[0][0]
-    key.plot([], [], color="0.55", lw=1.2, label="command sent")
-    key.plot([], [], color=_MEASURED, lw=3.6, label="measured")
-    key.plot([], [], color=_MODEL, lw=1.2, ls=(0, (5, 1.5)), label="fitted model, from the commands alone")
-    handles = key.get_legend_handles_labels()
+    handles = columns[0][0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(title, fontsize="medium")
     figure.savefig(path, dpi=_DPI)
@@ -156,9 +155,3 @@ def _busiest_s(e: AxisEstimate) -> float:
     starts_s = e.time_s[e.time_s <= last_s]
     ways = np.interp(starts_s + _DETAIL_S, e.time_s, way) - way[: starts_s.size]
     return float(starts_s[int(np.argmax(ways))])
-
-
-def _shown(interval: Interval, factor: float, digits: int) -> str:
-    # An interval rounded to nothing would claim certainty.
-    half = max(factor * interval.half_width, 10.0**-digits)
-    return f"{factor * interval.value:.{digits}f} ± {half:.{digits}f}"

@@ -120,15 +120,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             signal.signal(number, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        return run_command("identify", lambda: _work(words))
+        return run_command("identify", lambda: _run(parse(words)))
     except KeyboardInterrupt:
         print("identify: interrupted; the neck was stopped, nothing was written", file=sys.stderr)
         return _INTERRUPTED
-
-
-def _work(words: Sequence[str]) -> int:
-    _run(parse(words))
-    return 0
 
 
 def parse(words: Sequence[str]) -> IdentifySettings:
@@ -153,8 +148,9 @@ def parse(words: Sequence[str]) -> IdentifySettings:
     return settings
 
 
-def _run(settings: IdentifySettings) -> None:
+def _run(settings: IdentifySettings) -> int:
     _check(settings)
+    progress = Progress()
     if settings.new is not None:
         urdf = None
         if settings.urdf is not None:
@@ -162,23 +158,21 @@ def _run(settings: IdentifySettings) -> None:
                 raise SettingsError("--urdf: needs --eye-frame, the link at the eye")
             urdf = read_urdf(settings.urdf, settings.eye_frame, settings.pan_joint, settings.tilt_joint)
         write_new_neck(settings.new, settings.sheet, urdf)
-        return
-    progress = Progress()
-    if settings.tracker is not None:
+    elif settings.tracker is not None:
         # Only here: the other ways need neither readers nor the fit.
         from gazempc.identify.tracker.sensor_file import identify_tracker  # noqa: PLC0415
 
         identify_tracker(settings.tracker, settings.person, settings.out, progress)
-        return
-    if settings.source is not None:
+    elif settings.source is not None:
         # Only here: the other ways need no OpenCV.
         from gazempc.identify.from_picture import identify_from_picture  # noqa: PLC0415
 
         robot, neck = settings.robot or "", load_neck(settings.neck or "ptz")
         given = settings.options, settings.source, settings.camera
         identify_from_picture(robot, *given, neck, settings.out, settings.dead_time_max_s, progress)
-        return
-    _identify_neck(settings, progress)
+    else:
+        _identify_neck(settings, progress)
+    return 0
 
 
 def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
@@ -223,15 +217,11 @@ def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord,
             raise SettingsError(f"--neck {settings.neck}: has {others}; {settings.from_log} has {joints}")
         return taken, neck, settings.from_log.name
     if settings.neck is None and settings.robot is not None and not keeps_any_clock(ROBOT, settings.robot):
-        raise SettingsError(
-            f"--neck: a real robot ({settings.robot}) needs its own neck file, with limits that it bears"
-        )
+        raise SettingsError(f"--neck: a real robot ({settings.robot}) needs its own neck file, with its limits")
     neck = load_neck(settings.neck or "reference")
     if neck.takes_speeds or not neck.reports_joints:
-        raise SettingsError(
-            f"neck {neck.name!r}: identification sends angles and needs encoders; accepted: command = "
-            '"position" and reports_joints = true, or --source camera:URL for a camera that takes speeds'
-        )
+        accepted = 'command = "position" and reports_joints = true, or --source camera:URL'
+        raise SettingsError(f"neck {neck.name!r}: sends angles and needs encoders; accepted: {accepted}")
     taken = _excite(settings, neck, progress)
     taken.save(settings.out.with_suffix(".npz"))
     return taken, neck, f"robot {settings.robot}, neck {neck.name}"
@@ -302,9 +292,7 @@ def _print_margins(neck: NeckSpec) -> None:
         lines = sentences(neck, margins(mpc))
     except SettingsError as error:
         lines = [str(error)]
-    print("\n" + "\n".join(f"{line}." for line in lines))
-    for warning in too_small(mpc):
-        print(f"Warning: {warning}.")
+    print("", *(f"{line}." for line in lines), *(f"Warning: {line}." for line in too_small(mpc)), sep="\n")
 
 
 def _print_latency(path: Path) -> None:
@@ -318,11 +306,8 @@ def _print_latency(path: Path) -> None:
     except IdentificationError as error:
         print(f"\n{error}")
         return
-    print(
-        f"\nSensor latency, from the person's motion to the arrival of its observation: {1e3 * arrived.value:.1f} "
-        f"± {1e3 * arrived.half_width:.1f} ms;\nits capture times are {1e3 * captured.value:.1f} "
-        f"± {1e3 * captured.half_width:.1f} ms late (should be 0)."
-    )
+    print(f"\nSensor latency, from the person's motion to the arrival of its observation: {arrived.shown(1e3, 1)} ms;")
+    print(f"its capture times are {captured.shown(1e3, 1)} ms late (should be 0).")
 
 
 if __name__ == "__main__":

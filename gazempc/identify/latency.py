@@ -66,10 +66,8 @@ def estimate_latency(
     known_time_s, known = _finite(known_time_s, known)
     observed_time_s, observed = _finite(observed_time_s, observed)
     if known_time_s.size < _FEWEST_OBSERVATIONS or observed_time_s.size < _FEWEST_OBSERVATIONS:
-        raise IdentificationError(
-            f"sensor latency: {observed_time_s.size} observations of a motion known at {known_time_s.size} times; "
-            f"at least {_FEWEST_OBSERVATIONS} of both are needed: record longer"
-        )
+        counts = f"{observed_time_s.size} observations of a motion known at {known_time_s.size} times"
+        raise _refused(f"{counts}; at least {_FEWEST_OBSERVATIONS} of both are needed: record longer")
     motion = CubicSpline(known_time_s, known)
 
     def usable(earliest_s: float, latest_s: float) -> NDArray[np.bool_]:
@@ -84,38 +82,33 @@ def estimate_latency(
 
     # Each latency is judged by the observations at known moments: a short record has few for all latencies at once.
     lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
-    scores = [
-        float(np.mean(residual(lag_s, used) ** 2)) if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS
-        else math.inf
-        for lag_s in lags_s
-    ]  # fmt: skip
-    near_s = float(lags_s[int(np.argmin(scores))])
+    judged = [(lag_s, used) for lag_s in lags_s if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS]
+    scores = {float(lag_s): float(np.mean(residual(lag_s, used) ** 2)) for lag_s, used in judged}
+    near_s = min(scores, key=scores.__getitem__, default=0.0)
     low_s, high_s = near_s - 3 * _SCAN_STEP_S, near_s + 3 * _SCAN_STEP_S
     used = usable(low_s, high_s)
     if used.sum() < _FEWEST_OBSERVATIONS:
-        raise IdentificationError(
-            f"sensor latency: {used.sum()} observations while the motion is known; at least {_FEWEST_OBSERVATIONS} "
-            "are needed: record longer"
-        )
+        count = f"{used.sum()} observations while the motion is known"
+        raise _refused(f"{count}; at least {_FEWEST_OBSERVATIONS} are needed: record longer")
     channels = observed.shape[1]
     best = fit(lambda values: residual(values[0], used).ravel(), [[near_s]], [low_s], [high_s], channels)
     latency_s = float(best.values[0])
     half_s = max(Z_95 * math.sqrt(float(best.covariance[0, 0])), _NARROWEST_S)
     if min(latency_s - low_s, high_s - latency_s) < 1e-6 or near_s in (lags_s[0], lags_s[-1]):
-        raise IdentificationError(
-            f"sensor latency: none between {_EARLIEST_S:g} and {latency_max_s:g} s makes the observations agree with "
-            "the motion: check that both are on one clock"
-        )
+        between = f"none between {_EARLIEST_S:g} and {latency_max_s:g} s"
+        raise _refused(f"{between} makes the observations agree with the motion: check that both are on one clock")
     if not half_s <= _WIDEST_S:
-        raise IdentificationError(
-            f"sensor latency: only known to +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed: "
-            "record more, and faster, motion"
-        )
+        widths = f"only known to +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed"
+        raise _refused(f"{widths}: record more, and faster, motion")
     return LatencyEstimate(
-        Interval(latency_s, latency_s - half_s, latency_s + half_s),
+        Interval.around(latency_s, half_s),
         float(np.sqrt(np.mean(best.residual**2))),
         int(used.sum()),
     )
+
+
+def _refused(why: str) -> IdentificationError:
+    return IdentificationError(f"sensor latency: {why}")
 
 
 def log_latency(log: Log) -> tuple[LatencyEstimate, LatencyEstimate]:

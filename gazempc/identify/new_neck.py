@@ -20,7 +20,6 @@ from gazempc.neck import rules
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
-from gazempc.types import FloatArray
 
 
 def as_toml(values: Mapping[str, object]) -> str:
@@ -107,11 +106,12 @@ def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
     """
     if path.exists():
         raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
-    if urdf is None:
-        axes = {name: _axis(name, sheet) for name in AXES}
-    else:
-        given = zip(AXES, urdf.range_deg, urdf.speed_rad_s, strict=True)
-        axes = {name: _Axis(low, high, speed, f"{speed:g} rad/s") for name, (low, high), speed in given}
+    axes = {
+        name: _axis(name, sheet)
+        if urdf is None
+        else _Axis(*urdf.range_deg[k], urdf.speed_rad_s[k], f"{urdf.speed_rad_s[k]:g} rad/s")
+        for k, name in enumerate(AXES)
+    }
     text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today(), urdf)
     neck = parse_spec(NeckSpec, text, str(path))
     write_whole(path, text)
@@ -156,7 +156,11 @@ def neck_file(
     Returns:
         TOML with comments.
     """
-    origin = "data sheet" if urdf is None else "URDF"
+    origin, tilt_axis_m, eye_m = "data sheet", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+    about = "# assumed: both axes and the eye in one point. Measure with a ruler: x forward, y left, z up."
+    if urdf is not None:
+        origin, about = "URDF", f"# URDF: {' and '.join(urdf.joint_names)}."
+        tilt_axis_m, eye_m = ((each.round(5) + 0.0).tolist() for each in (urdf.tilt_axis_in_pan_m, urdf.eye_in_tilt_m))
     source = (
         f"{origin}: range and top speed (gazempc identify --new, {today.isoformat()}). Limits of speed, acceleration "
         "and jerk, servo and dead time by rules of thumb: assumed, not measured"
@@ -168,20 +172,14 @@ def neck_file(
         "servo_rate_hz = 200.0               # commands a second; lower it if the robot takes fewer",
         *([] if head_view_deg is None else [f"head_view_deg = {list(head_view_deg)}        # data sheet"]),
         "",
-        "# assumed: both axes and the eye in one point. Measure with a ruler: x forward, y left, z up."
-        if urdf is None
-        else f"# URDF: {' and '.join(urdf.joint_names)}.",
+        about,
         "[geometry]",
-        f"tilt_axis_in_pan_m = {_offset(None if urdf is None else urdf.tilt_axis_in_pan_m)}",
-        f"eye_in_tilt_m = {_offset(None if urdf is None else urdf.eye_in_tilt_m)}",
+        f"tilt_axis_in_pan_m = {tilt_axis_m}",
+        f"eye_in_tilt_m = {eye_m}",
     ]
     for axis_name, axis in axes.items():
         lines += ["", *_table(axis_name, axis, origin)]
     return "\n".join(lines) + "\n"
-
-
-def _offset(offset_m: FloatArray | None) -> list[float]:
-    return [0.0, 0.0, 0.0] if offset_m is None else [round(float(each), 5) + 0.0 for each in offset_m]
 
 
 def _table(name: str, axis: _Axis, origin: str) -> list[str]:
@@ -251,10 +249,7 @@ def read_range(text: str) -> tuple[float, float]:
         raise ValueError(f"{text!r} is no range: needed are two numbers of degrees, such as -80 80")
     low, high = sorted(float(end) for end in found.groups())
     if not low <= 0.0 <= high or low == high:
-        raise ValueError(
-            f"{text!r} does not hold 0, which is straight ahead: give the ends as seen from there (0 to 180 about 90 "
-            "is -90 90)"
-        )
+        raise ValueError(f"{text!r} does not hold 0, which is straight ahead (0 to 180 about 90 is -90 90)")
     return low, high
 
 
@@ -273,8 +268,6 @@ def read_speed(text: str) -> float:
     found = re.fullmatch(rf"\s*({_NUMBER})\s*([a-zA-Z°/\d]+)\s*", text)
     unit = "" if found is None else found[2].lower().replace("°", "deg")
     number = 0.0 if found is None else float(found[1])
-    if number > 0 and unit in _SPEEDS:
-        return number * _SPEEDS[unit]
-    if number > 0 and unit == _SECONDS_FOR_60_DEG:
-        return 60.0 * _DEG / number
+    if number > 0 and unit in (*_SPEEDS, _SECONDS_FOR_60_DEG):
+        return number * _SPEEDS[unit] if unit in _SPEEDS else 60.0 * _DEG / number
     raise ValueError(f"{text!r} is no speed: needed is a number with its unit, {_SPEED_UNITS}")

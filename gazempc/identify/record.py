@@ -14,14 +14,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from gazempc.errors import GazempcError, RobotError, SettingsError, shown
-from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import Excitation, brake
 from gazempc.live.clock import Clock
 from gazempc.loop.boundary import numbers
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import error_line
-from gazempc.results.log_files import is_mcap, load_log
+from gazempc.results.log_files import load_log, read_arrays
 from gazempc.robots.robot import Robot, wrong_reading
 from gazempc.types import FloatArray
 
@@ -130,17 +129,13 @@ def record(
     readings: list[tuple[float, FloatArray]] = []
     failed, silent_since_s = 0, clock.now_s()
     start_s, count = clock.now_s() + excitation.period_s, len(excitation.position_rad)
-    tick = 0
     try:
-        while tick < count:
+        for tick in range(count):
             clock.sleep_until_s(start_s + tick * excitation.period_s)
             # A computer that woke up late does everything later: to leave commands out would be a jump.
             late_s = clock.now_s() - (start_s + tick * excitation.period_s)
             if late_s > _STALL_S:
-                raise RobotError(
-                    f"stopped: the computer was held up for {1e3 * late_s:.0f} ms, and the neck stood still meanwhile; "
-                    "try again with less beside it"
-                )
+                raise RobotError(f"stopped: the computer was held up for {1e3 * late_s:.0f} ms; run less beside it")
             if late_s > excitation.period_s:
                 start_s += late_s
             try:
@@ -164,18 +159,17 @@ def record(
             commands.append((sent_at_s, sent_rad))
             if on_tick is not None:
                 on_tick(tick / count)
-            tick += 1
     except BaseException:
         # Whatever it was, a robot that still listens must not be left at full speed.
         with contextlib.suppress(Exception), _undisturbed():
-            _stop(robot, clock, neck, excitation.position_rad[: max(tick, 1)])
+            _stop(robot, clock, neck, excitation.position_rad[: max(len(commands), 1)])
         raise
     return NeckRecord(
         about=json.dumps({**about, "neck": neck.model_dump()}, sort_keys=True),
         command_time_s=np.array([t for t, _ in commands]),
         command_rad=np.array([u for _, u in commands]),
-        joint_time_s=np.array([t for t, _ in readings], dtype=np.float64),
-        joint_rad=np.array([q for _, q in readings], dtype=np.float64).reshape(-1, neck.joints),
+        joint_time_s=np.array([t for t, _ in readings], dtype=float),
+        joint_rad=np.array([q for _, q in readings], dtype=float).reshape(-1, neck.joints),
         failed_reads=failed,
     )
 
@@ -213,11 +207,7 @@ def load_record(path: Path | str) -> NeckRecord:
     Raises:
         SettingsError: If the file is missing or neither of them.
     """
-    try:
-        values = {} if is_mcap(Path(path)) else read_npz(Path(path))
-    except (OSError, ValueError) as error:
-        reason = error.strerror or error if isinstance(error, OSError) else error
-        raise SettingsError(f"{path}: not a log that can be read: {reason}") from None
+    values = read_arrays(path)
     wanted = [f.name for f in fields(NeckRecord)]
     if all(name in values for name in wanted):
         return _record(path, {name: values[name] for name in wanted})
@@ -248,10 +238,8 @@ def _record(path: Path | str, values: dict[str, Any]) -> NeckRecord:
         times_s, angles_rad = values[f"{side}_time_s"], values[f"{side}_rad"]
         kinds = {times_s.dtype.kind, angles_rad.dtype.kind}
         if times_s.ndim != 1 or angles_rad.shape != (times_s.size, joints) or kinds != {"f"}:
-            raise SettingsError(
-                f"{path}: {side}_time_s and {side}_rad have the shapes {times_s.shape} and {angles_rad.shape}; "
-                f"accepted: (N,) and (N, {joints}), floating-point numbers"
-            )
+            shapes = f"{times_s.shape} and {angles_rad.shape}; accepted: (N,) and (N, {joints}), floats"
+            raise SettingsError(f"{path}: {side}_time_s and {side}_rad have the shapes {shapes}")
         if not (np.abs(angles_rad) < _LARGEST).all() or not (np.abs(times_s) < _LARGEST).all():
             raise SettingsError(f"{path}: {side}_time_s or {side}_rad has values that are not finite, or absurd")
     return found

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz
 from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter
@@ -120,15 +120,13 @@ def _products(a: FloatArray, b: FloatArray) -> FloatArray:
 _FINEST_S = 0.002
 # The grid goes on a little after the last reading, for dead times that are (slightly) negative while fitting.
 _BEYOND_S = 0.2
-# After so many time constants an initial state is forgotten.
-_FREE_TIMES = 25.0
 
 
 class ServoModel:
     """Responses of ``q'' = wn^2 (u(t - d) - q) - 2 zeta wn q'`` to one axis's commands, at the times of the readings.
 
-    The servo runs without delay on a grid of about 2 ms, exactly for held commands. It is read off at time - d by cubic
-    Hermite interpolation, so d need not be a multiple of anything. Before the first command the joint rests at it.
+    The servo runs without delay on a grid of about 2 ms, exactly for held commands. It is read off at time - d by a
+    cubic spline, so d need not be a multiple of anything. Before the first command the joint rests at it.
 
     Args:
         command_time_s: When commands were sent, shape (K,), increasing, seconds.
@@ -144,59 +142,30 @@ class ServoModel:
         self._since_s = time_s - command_time_s[0]
         self._from_first_s = time_s - time_s[0]
         cells = int(np.ceil((self._since_s[-1] + _BEYOND_S) / self._step_s)) + 2
-        edges_s = np.arange(cells + 1) * self._step_s
+        self._grid_s = np.arange(cells + 1) * self._step_s
         # Means over the cells, from the integral of the held command: right also for commands at irregular times.
-        knots_s = np.append(command_time_s - command_time_s[0], max(edges_s[-1], self._since_s[-1]) + period_s)
+        knots_s = np.append(command_time_s - command_time_s[0], max(self._grid_s[-1], self._since_s[-1]) + period_s)
         integral = np.concatenate([[0.0], np.cumsum(np.diff(knots_s) * (command_rad - command_rad[0]))])
-        self._cells_rad: FloatArray = np.diff(np.interp(edges_s, knots_s, integral)) / self._step_s
+        cells_rad = np.diff(np.interp(self._grid_s, knots_s, integral)) / self._step_s
+        self._cells_rad: FloatArray = np.append(cells_rad, cells_rad[-1])
 
-    def motion(self, natural_frequency_rad_s: float, damping_ratio: float) -> tuple[FloatArray, FloatArray]:
-        """Position and velocity on the grid without dead time, both of shape (G,), radians and rad/s."""
-        ad, bd = self._discrete(natural_frequency_rad_s, damping_ratio)
-        denominator = [1.0, -np.trace(ad), np.linalg.det(ad)]
-        position, velocity = (
-            lfilter([0.0, *numerator], denominator, self._cells_rad) for numerator in _numerators(ad, bd)
-        )
-        return np.asarray(position), np.asarray(velocity)
+    def motion(self, natural_frequency_rad_s: float, damping_ratio: float) -> CubicSpline:
+        """Motion without dead time from rest at 0, radians by seconds since the first command."""
+        numerator, denominator = self._discrete(natural_frequency_rad_s, damping_ratio)
+        return CubicSpline(self._grid_s, lfilter(numerator, denominator, self._cells_rad))
 
-    def delayed(self, motion: tuple[FloatArray, FloatArray], dead_time_s: float) -> FloatArray:
+    def delayed(self, motion: CubicSpline, dead_time_s: float) -> FloatArray:
         """The motion a dead time later, at the times of the readings, shape (N,), radians."""
-        return self._first_rad + self._read_off(*motion, self._since_s - dead_time_s)
+        at_s = np.clip(self._since_s - dead_time_s, 0.0, self._grid_s[-1])
+        return np.asarray(self._first_rad + motion(at_s))
 
     def free(self, natural_frequency_rad_s: float, damping_ratio: float) -> FloatArray:
-        """Free response of an initial position and of an initial velocity since the first reading, shape (N, 2)."""
-        ad, _ = self._discrete(natural_frequency_rad_s, damping_ratio)
-        denominator = [1.0, -np.trace(ad), np.linalg.det(ad)]
-        # Until it has died away; no need to go on through the whole record.
-        slowest = damping_ratio - math.sqrt(max(damping_ratio**2 - 1.0, 0.0))
-        lasts_s = min(_FREE_TIMES / (natural_frequency_rad_s * slowest), self._from_first_s[-1])
-        count = int(np.searchsorted(self._from_first_s, lasts_s, side="right"))
-        pulse = np.zeros(int(lasts_s / self._step_s) + 3)
-        pulse[0] = 1.0
-        columns = np.zeros((self._from_first_s.size, 2))
-        for column, initial in zip(columns.T, np.eye(2), strict=True):
-            q, v = (lfilter(numerator, denominator, pulse) for numerator in _numerators(ad, initial))
-            column[:count] = self._read_off(np.asarray(q), np.asarray(v), self._from_first_s[:count])
-        return columns
+        """Two independent free responses since the first reading, of which every other one is a sum, shape (N, 2)."""
+        _, denominator = self._discrete(natural_frequency_rad_s, damping_ratio)
+        responses = lfilter([1.0], denominator, np.eye(self._grid_s.size, 2), axis=0)
+        return np.asarray(CubicSpline(self._grid_s, responses)(self._from_first_s))
 
     def _discrete(self, wn: float, zeta: float) -> tuple[FloatArray, FloatArray]:
-        rates = np.array([[0.0, 1.0], [-(wn**2), -2.0 * zeta * wn]])
-        system = (rates, np.array([[0.0], [wn**2]]), np.eye(2), np.zeros((2, 1)))
-        ad, bd, *_ = cont2discrete(system, self._step_s, method="zoh")
-        return np.asarray(ad), np.asarray(bd)[:, 0]
-
-    def _read_off(self, position: FloatArray, velocity: FloatArray, at_s: FloatArray) -> FloatArray:
-        h = self._step_s
-        cell = np.clip((at_s / h).astype(int), 0, position.size - 2)
-        s = np.clip(at_s / h - cell, 0.0, 1.0)
-        p0, p1, v0, v1 = position[cell], position[cell + 1], h * velocity[cell], h * velocity[cell + 1]
-        rise = p1 - p0
-        read: FloatArray = p0 + s * (v0 + s * (3 * rise - 2 * v0 - v1 + s * (v0 + v1 - 2 * rise)))
-        return read
-
-
-def _numerators(ad: FloatArray, b: FloatArray) -> tuple[list[float], list[float]]:
-    # Of (zI - Ad)^-1 b, state by state: highest power of z first.
-    position = [b[0], ad[0, 1] * b[1] - ad[1, 1] * b[0]]
-    velocity = [b[1], ad[1, 0] * b[0] - ad[0, 0] * b[1]]
-    return position, velocity
+        system = np.array([wn**2]), np.array([1.0, 2.0 * zeta * wn, wn**2])
+        numerator, denominator, *_ = cont2discrete(system, self._step_s, method="zoh")
+        return np.ravel(numerator), np.asarray(denominator)

@@ -85,7 +85,8 @@ class Turning:
         columns, start_px = before.shape[1], round(guess_rad * self._focal_px)
         tried = {start_px, *self._peaks(before, after, start_px), *self._peaks(before, after, 0)}
         # Half of the pixels decide: the background, and not what moves in front of it.
-        left = {whole_px: _difference(before, after, whole_px) for whole_px in tried if abs(whole_px) < columns // 2}
+        pairs = {px: _common(before, after, px) for px in tried if abs(px) < columns // 2}
+        left = {px: float(np.median(np.abs(one - other))) for px, (one, other) in pairs.items()}
         best = min(left, key=lambda whole_px: left[whole_px])
         if abs(best) > _LARGEST_SHIFT * columns or left[best] > _LARGEST_ERROR * float(np.std(before)):
             return math.nan
@@ -118,11 +119,6 @@ class Turning:
             step_px = 0.5 * float(np.sum(weight * error)) / max(float(np.sum(weight * slope)), 1e-9)
             part_px = min(max(part_px + step_px, -1.5), 1.5)
         return whole_px + part_px
-
-
-def _difference(before: Any, after: Any, whole_px: int) -> float:
-    one, other = _common(before, after, whole_px)
-    return float(np.median(np.abs(one - other)))
 
 
 def _common(before: Any, after: Any, whole_px: int) -> tuple[Any, Any]:
@@ -251,7 +247,7 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     wide = Z_95 * np.sqrt(np.diag(best.covariance))
     wn = math.exp(best.values[1])
     return TurnEstimate(
-        delay_s=Interval(best.values[0], best.values[0] - wide[0], best.values[0] + wide[0]),
+        delay_s=Interval.around(best.values[0], wide[0]),
         natural_frequency_rad_s=Interval(wn, wn * math.exp(-wide[1]), wn * math.exp(wide[1])),
         speeds_rad_s={step: _mean(each) for step, each in sorted(found.items())},
         residual_deg=math.degrees(noise_rad),
@@ -282,7 +278,7 @@ def _mean(measured: Sequence[tuple[float, float]]) -> Interval:
     # The median: a pulse during which the scene moved is one of several.
     values = np.array(measured)
     value, sd = float(np.median(values[:, 0])), float(np.max(values[:, 1])) / math.sqrt(len(values))
-    return Interval(value, value - Z_95 * sd, value + Z_95 * sd)
+    return Interval.around(value, Z_95 * sd)
 
 
 def _ramp(time_s: FloatArray, wn: float) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -10,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import SettingsError
+from gazempc.errors import SettingsError, suggest
 from gazempc.types import FloatArray
 
 _TURNING = ("revolute", "continuous")
@@ -81,12 +82,12 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
     except OSError as error:
         raise SettingsError(f"--urdf {path}: {error.strerror or error}") from None
     except ElementTree.ParseError as error:
-        raise SettingsError(
-            f"--urdf {path}: no XML: {error}; of a xacro file give the output of 'xacro FILE'"
-        ) from None
+        raise SettingsError(f"--urdf {path}: no XML: {error}; of a xacro file give the output of 'xacro'") from None
     above = {_link(joint, "child", path): joint for joint in root.iter("joint") if joint.find("child") is not None}
     if eye_frame not in above:
-        raise SettingsError(f"--eye-frame {eye_frame!r}: {path} has no such link below a joint; it has {_some(above)}")
+        raise SettingsError(
+            f"--eye-frame {eye_frame!r}: {path} has no such link below a joint; {suggest(eye_frame, above)}"
+        )
     chain: list[Any] = []
     while eye_frame in above and above[eye_frame] not in chain:
         chain.append(above[eye_frame])
@@ -109,18 +110,12 @@ def _neck(chain: list[Any], pan_joint: Any, tilt_joint: Any, path: Path) -> Urdf
     """Frames at all joints at zero, from the pan joint's parent on."""
     until_pan, until_tilt = chain.index(pan_joint), chain.index(tilt_joint)
     pan_pose = _origin(pan_joint)
-    tilt_pose = pan_pose
-    for joint in reversed(chain[until_tilt:until_pan]):
-        tilt_pose = tilt_pose @ _origin(joint)
-    eye_pose = tilt_pose
-    for joint in reversed(chain[:until_tilt]):
-        eye_pose = eye_pose @ _origin(joint)
+    tilt_pose = reduce(np.matmul, map(_origin, reversed(chain[until_tilt:until_pan])), pan_pose)
+    eye_pose = reduce(np.matmul, map(_origin, reversed(chain[:until_tilt])), tilt_pose)
     pan_axis, tilt_axis = pan_pose[:3, :3] @ _axis(pan_joint), tilt_pose[:3, :3] @ _axis(tilt_joint)
     up = np.array([0.0, 0.0, 1.0])
     if abs(abs(float(pan_axis @ up)) - 1.0) > _LEVEL:
-        raise SettingsError(
-            f"{path}: joint {pan_joint.get('name')} does not turn about the vertical of its parent link"
-        )
+        raise SettingsError(f"{path}: joint {pan_joint.get('name')} does not turn about its parent link's vertical")
     if abs(float(tilt_axis @ up)) > _LEVEL:
         raise SettingsError(f"{path}: joint {tilt_joint.get('name')} does not turn about a horizontal axis")
     # Left is along the tilt axis, on the side on which the eye then looks away from the robot's back.
@@ -133,8 +128,8 @@ def _neck(chain: list[Any], pan_joint: Any, tilt_joint: Any, path: Path) -> Urdf
     tilt_sign = -1 if tilt_axis @ left > 0 else 1
     tilt_m = axes @ (tilt_pose[:3, 3] - pan_pose[:3, 3])
     eye_m = axes @ (eye_pose[:3, 3] - tilt_pose[:3, 3])
-    ranges, speeds = zip(
-        *(_limits(j, s, path) for j, s in ((pan_joint, pan_sign), (tilt_joint, tilt_sign))), strict=True
+    (pan_deg, pan_rad_s), (tilt_deg, tilt_rad_s) = (
+        _limits(joint, sign, path) for joint, sign in ((pan_joint, pan_sign), (tilt_joint, tilt_sign))
     )
     return UrdfNeck(
         _link(pan_joint, "parent", path),
@@ -142,8 +137,8 @@ def _neck(chain: list[Any], pan_joint: Any, tilt_joint: Any, path: Path) -> Urdf
         Rotation.from_matrix(axes).as_euler("xyz", degrees=True),
         (str(pan_joint.get("name")), str(tilt_joint.get("name"))),
         (pan_sign, tilt_sign),
-        (ranges[0], ranges[1]),
-        (speeds[0], speeds[1]),
+        (pan_deg, tilt_deg),
+        (pan_rad_s, tilt_rad_s),
         tilt_m,
         eye_m,
     )
@@ -192,8 +187,3 @@ def _link(joint: Any, end: str, path: Path) -> str:
     if found is None or not found.get("link"):
         raise SettingsError(f"{path}: joint {joint.get('name')} has no {end} link")
     return str(found.get("link"))
-
-
-def _some(names: Any) -> str:
-    listed = sorted(names)
-    return ", ".join(listed[:12]) + (f" and {len(listed) - 12} more" if len(listed) > 12 else "")

@@ -9,8 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gazempc.errors import LeftOutError
 from gazempc.files.whole import write_whole
 from gazempc.live.hints import shown
@@ -23,7 +21,7 @@ from gazempc.recordings.recording import truth_of
 from gazempc.results.log import ComputeTimes, Fault, Log
 from gazempc.results.metrics import measure
 from gazempc.results.motion import limit_violations
-from gazempc.results.run_summary import measure_compute, versions
+from gazempc.results.run_summary import measure_compute, versions, without_nan
 
 _LATE_MS = 1.0
 _SHOWN_PROBLEMS = 5
@@ -164,9 +162,9 @@ class KeptLogs:
         if self._last is None:
             return None, None
         log, times = self._last
-        compute = _without_nan(measure_compute(times, self._neck.control_period_s).as_dict())
+        compute = without_nan(measure_compute(times, self._neck.control_period_s).as_dict())
         try:
-            return _without_nan(measure(log).as_dict()), compute
+            return without_nan(measure(log).as_dict()), compute
         except (LeftOutError, ValueError):
             return None, compute  # too short to be scored, or cut short by a fault
 
@@ -232,7 +230,3 @@ def _clock_hint(name: str, summary: dict[str, Any]) -> str:
         return " (another clock, or another unit?)"
     off = f"{abs(off_s):.1g}" if abs(off_s) < 1 else shown(abs(off_s))
     return (f" (clock {off} s ahead?)" if off_s > 0 else f" (clock {off} s behind, or slow?)") if off_s else ""
-
-
-def _without_nan(metrics: dict[str, Any]) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in metrics.items()}

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gazempc.neck.spec import Geometry
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray
 
 # Keeps the neck from switching sides before a person right behind it.
 _CLEARLY_BETTER_RAD = 0.2
@@ -18,20 +17,6 @@ _CLEARLY_BETTER_RAD = 0.2
 _WITH_EYES, _WITH_BODY = 4, (3, 5)
 # Nearer than this to the axis, a target's direction is undefined.
 _NEAREST_M = 0.1
-
-
-@dataclass(frozen=True)
-class LookAt:
-    """Joint angles that look at a target.
-
-    Attributes:
-        angles_rad: Pan and tilt, shape (..., 2), radians; pan in (-pi, pi] unless unwrapped.
-        reachable: Shape (...); False where no pan and tilt, even without limits, looks at the target because it
-            is inside the neck. The angles are then finite, and look past it.
-    """
-
-    angles_rad: FloatArray
-    reachable: BoolArray
 
 
 def head_angles_rad(joints_rad: ArrayLike) -> FloatArray:
@@ -93,8 +78,8 @@ def pan_tilt_rad(direction: FloatArray) -> FloatArray:
 
 
 def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
-    """Angles in [-pi, pi), radians, of the same shape."""
-    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
+    """Angles in (-pi, pi], radians, of the same shape."""
+    return np.asarray(np.pi - (np.pi - angle_rad) % (2.0 * np.pi))
 
 
 def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
@@ -167,29 +152,7 @@ def _looking(pan_rad: float, tilt_rad: float) -> Rotation:
     return Rotation.from_euler("z", pan_rad) * Rotation.from_euler("y", -tilt_rad)
 
 
-def look_at(geometry: Geometry, target_base_m: ArrayLike) -> LookAt:
-    """Joint angles whose gaze ray passes through a target, in closed form, and whether there are any.
-
-    Args:
-        geometry: The neck's geometry.
-        target_base_m: Targets in the base frame, shape (..., 3), metres.
-
-    Returns:
-        The angles and whether the target can be looked at, shapes (..., 2) and (...).
-    """
-    target = np.asarray(target_base_m, dtype=np.float64)
-    tx, ty, tz = geometry.tilt_axis_in_pan_m
-    ex, ey, ez = geometry.eye_in_tilt_m
-    lateral = ty + ey
-    ground = np.hypot(target[..., 0], target[..., 1])
-    ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
-    distance = np.hypot(ahead, target[..., 2] - tz)
-    in_front_of_eye = np.sqrt(np.maximum(distance**2 - ez**2, 0.0)) > ex
-    reachable = (ground >= abs(lateral)) & (distance >= abs(ez)) & (distance > 0) & in_front_of_eye
-    return LookAt(look_at_rad(geometry, target), reachable)
-
-
-def look_at_rad(geometry: Geometry, target_base_m: FloatArray) -> FloatArray:
+def look_at_rad(geometry: Geometry, target_base_m: ArrayLike) -> FloatArray:
     """Joint angles whose gaze ray passes through a target, in closed form.
 
     The target's lateral offset is constant while the neck pans, which gives the pan angle. The height of the gaze ray
@@ -207,19 +170,18 @@ def look_at_rad(geometry: Geometry, target_base_m: FloatArray) -> FloatArray:
     tx, ty, tz = geometry.tilt_axis_in_pan_m
     _, ey, ez = geometry.eye_in_tilt_m
     lateral = ty + ey
-    x, y = target_base_m[..., 0], target_base_m[..., 1]
-    ground = np.hypot(x, y)
-    above = target_base_m[..., 2] - tz
+    x, y, z = np.moveaxis(np.asarray(target_base_m, dtype=np.float64), -1, 0)
+    ground, above = np.hypot(x, y), z - tz
     angles = np.empty((*ground.shape, 2))
     # A negative zero would give -pi.
     pan = np.arctan2(y + 0.0, x)
     ahead = ground - tx
     if lateral:
-        pan = _wrap(pan - _offset_turn(lateral, ground))
+        pan = wrapped_rad(pan - _offset_turn(lateral, ground))
         ahead = np.sqrt(np.maximum(ground**2 - lateral**2, 0.0)) - tx
     tilt = np.arctan2(above, ahead)
     if ez:
-        tilt = _wrap(tilt - _offset_turn(ez, np.hypot(ahead, above)))
+        tilt = wrapped_rad(tilt - _offset_turn(ez, np.hypot(ahead, above)))
     angles[..., 0], angles[..., 1] = pan, tilt
     return angles
 
@@ -310,8 +272,3 @@ def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: Arr
     along = np.sum(direction * to_target, axis=-1)
     error: FloatArray = np.arctan2(across, along)
     return error
-
-
-def _wrap(angle_rad: FloatArray) -> FloatArray:
-    wrapped: FloatArray = np.pi - (np.pi - angle_rad) % (2.0 * np.pi)
-    return wrapped

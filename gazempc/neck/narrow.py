@@ -36,7 +36,9 @@ def narrowed(
     neck = neck if picture is None else picture.calmed(neck)
     axes = dict(zip(neck.joint_names, neck.axes, strict=True))
     if speed_max_rad_s is not None:
-        axes = {name: _slower(axis, speed_max_rad_s) for name, axis in axes.items()}
+        for name, axis in axes.items():
+            speeds = {"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s)}
+            axes[name] = axis.model_copy(update={**speeds, "full_speed_rad_s": axis.full_rad_s})
     if gaze_region_deg is not None:
         for chain, low_deg, high_deg in zip(_CHAINS, gaze_region_deg[::2], gaze_region_deg[1::2], strict=True):
             joints = {name: axes[name] for name in chain if name in axes}
@@ -44,19 +46,14 @@ def narrowed(
     return neck.with_axes(axes)
 
 
-def _slower(axis: Axis, speed_max_rad_s: float) -> Axis:
-    slower = {"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s), "full_speed_rad_s": axis.full_rad_s}
-    return axis.model_copy(update=slower)
-
-
 def _within(joints: dict[str, Axis], low_deg: float, high_deg: float, what: str) -> dict[str, Axis]:
     least_deg = sum(axis.position_min_deg for axis in joints.values())
     most_deg = sum(axis.position_max_deg for axis in joints.values())
     low_deg, high_deg = max(low_deg, least_deg), min(high_deg, most_deg)
     if low_deg >= high_deg:
+        accepted = f"a region within {least_deg:g} to {most_deg:g}, least before greatest"
         raise SettingsError(
-            f"loop.gaze_region_deg: {what} would be {low_deg:g} to {high_deg:g} deg; accepted: a region within "
-            f"{least_deg:g} to {most_deg:g}, least before greatest"
+            f"loop.gaze_region_deg: {what} would be {low_deg:g} to {high_deg:g} deg; accepted: {accepted}"
         )
 
     def part(axis: Axis, share: float) -> float:

@@ -88,10 +88,8 @@ class FramedPicture:
             return None
         view_deg = framing.view_deg or neck.head_view_deg
         if view_deg is None:
-            raise SettingsError(
-                f"framing.view_deg: missing, and neck {neck.name!r} has no head_view_deg; accepted: width and height "
-                "of the picture, such as 60 34"
-            )
+            why = f"missing, and neck {neck.name!r} has no head_view_deg"
+            raise SettingsError(f"framing.view_deg: {why}; accepted: angles of the picture, such as 60 34")
         width, height = (math.radians(each) for each in view_deg)
         return FramedPicture(
             view_rad=(width, height),

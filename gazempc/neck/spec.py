@@ -90,19 +90,14 @@ class Axis(BaseModel):
 
     @model_validator(mode="after")
     def _values_fit_each_other(self) -> Axis:
-        steps = self.speed_steps
-        if self.position_min_deg >= self.position_max_deg:
-            raise ValueError(
-                f"position_min_deg ({self.position_min_deg}) must be less than position_max_deg "
-                f"({self.position_max_deg})"
-            )
+        steps, low, high = self.speed_steps, self.position_min_deg, self.position_max_deg
+        if low >= high:
+            raise ValueError(f"position_min_deg ({low}) must be less than position_max_deg ({high})")
         if steps is not None and not self.takes_speed:
             raise ValueError('speed_steps need command = "velocity": angles have no speed steps')
         if steps is not None and self.velocity_max_rad_s > steps.fastest_rad_s * (1.0 + 1e-6):
-            raise ValueError(
-                f"velocity_max_rad_s ({self.velocity_max_rad_s}) must be at most the last of speed_steps in both "
-                f"directions ({steps.fastest_rad_s})"
-            )
+            fastest = f"the last of speed_steps in both directions ({steps.fastest_rad_s})"
+            raise ValueError(f"velocity_max_rad_s ({self.velocity_max_rad_s}) must be at most {fastest}")
         if self.takes_speed and self.load_offset_deg:
             raise ValueError(f'load_offset_deg ({self.load_offset_deg}) must be 0 with command = "velocity"')
         return self
@@ -154,6 +149,16 @@ class Eyes(BaseModel):
     head_share_down: _Share = Field(default=1.0, description="The same of a direction below it")
 
 
+def _of_joints(field: str, meaning: str) -> cached_property[FloatArray]:
+    """Property with a number of each joint, shape (N,)."""
+
+    def values(neck: NeckSpec) -> FloatArray:
+        return neck._per_axis(field)
+
+    values.__doc__ = meaning
+    return cached_property(values)
+
+
 class NeckSpec(BaseModel):
     """A pan-tilt neck, optionally with eyes in the head and a body that turns under the neck.
 
@@ -185,10 +190,8 @@ class NeckSpec(BaseModel):
     def _rates_divide(self) -> NeckSpec:
         ratio = self.servo_rate_hz / self.control_rate_hz
         if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
-            raise ValueError(
-                f"servo_rate_hz ({self.servo_rate_hz}) must be a whole multiple of control_rate_hz "
-                f"({self.control_rate_hz})"
-            )
+            rates = self.servo_rate_hz, self.control_rate_hz
+            raise ValueError("servo_rate_hz ({}) must be a whole multiple of control_rate_hz ({})".format(*rates))
         return self
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> NeckSpec:
@@ -256,6 +259,12 @@ class NeckSpec(BaseModel):
     def _per_axis(self, name: str) -> FloatArray:
         return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
 
+    velocity_max_rad_s = _of_joints("velocity_max_rad_s", "Velocity limits of the joints, rad/s.")
+    acceleration_max_rad_s2 = _of_joints("acceleration_max_rad_s2", "Acceleration limits of the joints, rad/s^2.")
+    jerk_max_rad_s3 = _of_joints("jerk_max_rad_s3", "Jerk limits of the joints, rad/s^3.")
+    dead_time_s = _of_joints("dead_time_s", "Dead times, seconds.")
+    servo_lag_s = _of_joints("servo_lag_s", "Servo lags, seconds.")
+
     @cached_property
     def position_min_rad(self) -> FloatArray:
         """Lower position limits of the joints, radians."""
@@ -265,31 +274,6 @@ class NeckSpec(BaseModel):
     def position_max_rad(self) -> FloatArray:
         """Upper position limits of the joints, radians."""
         return np.deg2rad(self._per_axis("position_max_deg"))
-
-    @cached_property
-    def velocity_max_rad_s(self) -> FloatArray:
-        """Velocity limits of the joints, rad/s."""
-        return self._per_axis("velocity_max_rad_s")
-
-    @cached_property
-    def acceleration_max_rad_s2(self) -> FloatArray:
-        """Acceleration limits of the joints, rad/s^2."""
-        return self._per_axis("acceleration_max_rad_s2")
-
-    @cached_property
-    def jerk_max_rad_s3(self) -> FloatArray:
-        """Jerk limits of the joints, rad/s^3."""
-        return self._per_axis("jerk_max_rad_s3")
-
-    @cached_property
-    def dead_time_s(self) -> FloatArray:
-        """Dead times, seconds."""
-        return self._per_axis("dead_time_s")
-
-    @cached_property
-    def servo_lag_s(self) -> FloatArray:
-        """Servo lags, seconds."""
-        return self._per_axis("servo_lag_s")
 
     @cached_property
     def command_limits(self) -> CommandLimits:
@@ -323,6 +307,11 @@ class CommandLimits(BaseModel):
     velocity_max_rad_s: FloatArray
     acceleration_max_rad_s2: FloatArray
     jerk_max_rad_s3: FloatArray
+
+    @property
+    def derivatives(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Limits of velocity, acceleration and jerk."""
+        return self.velocity_max_rad_s, self.acceleration_max_rad_s2, self.jerk_max_rad_s3
 
     def clip_position(self, position_rad: FloatArray) -> FloatArray:
         """Nearest allowed position, shape (..., N), radians."""

@@ -33,6 +33,12 @@ class SpeedSteps(BaseModel):
                 raise ValueError(f"{name} must not decrease: step 1 is the slowest")
         return self
 
+    @staticmethod
+    def equal(most_rad_s: float, count: int) -> SpeedSteps:
+        """So many equal steps up to a top speed, rad/s, in both directions."""
+        speeds = tuple(most_rad_s * (k + 1) / count for k in range(count))
+        return SpeedSteps(positive_rad_s=speeds, negative_rad_s=speeds)
+
     @property
     def levels_rad_s(self) -> tuple[float, ...]:
         """All speeds with their signs, in ascending order and with 0, rad/s."""

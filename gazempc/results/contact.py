@@ -171,10 +171,8 @@ def framing_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
     if picture is None or not log.run.knows_true_head:
         return {"time_in_zone": math.nan, "time_to_reacquire_s": math.nan}
     in_zone = np.all(np.abs(aim_error_rad(log, picture)) <= picture.zone_rad, axis=1)  # NaN is outside
-    return {
-        "time_in_zone": float(np.mean(in_zone[scored])),
-        "time_to_reacquire_s": _time_to_reacquire_s(log, in_zone),
-    }
+    share = float(np.mean(in_zone[scored]))
+    return {"time_in_zone": share, "time_to_reacquire_s": _time_to_reacquire_s(log, in_zone)}
 
 
 def aim_error_rad(log: Log, picture: FramedPicture) -> FloatArray:

@@ -70,18 +70,13 @@ def forecast_metrics(log: Log) -> dict[str, float]:
     error_mm = 1e3 * np.linalg.norm(difference_m, axis=-1)
     found = {f"forecast_error_{round(1e3 * h)}_mm": of_known(error_mm[:, i]) for i, h in enumerate(FORECAST_HORIZONS_S)}
     known = np.isfinite(error_mm[:, _HALF_SECOND])
-    covariances = log.forecast_covariance_m2[known, _HALF_SECOND]
-    differences = difference_m[known, _HALF_SECOND]
-    nees = np.full(len(differences), np.nan)
-    if len(differences) and np.all(np.linalg.det(covariances) > 0):
-        nees = np.einsum("fi,fi->f", differences, np.linalg.solve(covariances, differences[..., None])[..., 0])
-    certain = np.isfinite(nees).all() and nees.size > 0
-    freedom = log.forecast_degrees_of_freedom[known]
-    for percent in (68, 95):
-        held = float(np.mean(inside(nees, freedom, percent / 100))) if certain else float("nan")
-        found[f"forecast_coverage_{percent}_500"] = held
-    found["forecast_nees_500"] = float(np.mean(nees)) if certain else float("nan")
-    return found
+    covariances, differences = log.forecast_covariance_m2[known, _HALF_SECOND], difference_m[known, _HALF_SECOND]
+    names = ("forecast_nees_500", "forecast_coverage_68_500", "forecast_coverage_95_500")
+    if not known.any() or not np.all(np.linalg.det(covariances) > 0):
+        return found | dict.fromkeys(names, float("nan"))
+    nees = np.einsum("fi,fi->f", differences, np.linalg.solve(covariances, differences[..., None])[..., 0])
+    held = (inside(nees, log.forecast_degrees_of_freedom[known], share) for share in (0.68, 0.95))
+    return found | {name: float(np.mean(each)) for name, each in zip(names, (nees, *held), strict=True)}
 
 
 def false_starts_per_min(log: Log) -> float:

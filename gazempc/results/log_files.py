@@ -148,6 +148,25 @@ def attached_log(path: Path) -> bytes:
     return bytes(found[0])
 
 
+def read_arrays(path: Path | str) -> dict[str, Any]:
+    """Arrays of a log or of a record of a neck, by name.
+
+    Args:
+        path: An ``.npz`` file, or an MCAP file with a log (extra ``view``).
+
+    Returns:
+        The arrays, unchecked.
+
+    Raises:
+        SettingsError: If the file cannot be read.
+    """
+    try:
+        return dict(read_npz(attached_log(Path(path)) if is_mcap(Path(path)) else Path(path)))
+    except (OSError, ValueError) as error:
+        reason = error.strerror or error if isinstance(error, OSError) else error
+        raise SettingsError(f"{path}: not a log that can be read: {reason}") from None
+
+
 def load_log(path: Path | str) -> Log:
     """Read a log.
 
@@ -160,11 +179,7 @@ def load_log(path: Path | str) -> Log:
     Raises:
         SettingsError: If the file is missing or not a log.
     """
-    try:
-        values = read_npz(attached_log(Path(path)) if is_mcap(Path(path)) else Path(path))
-    except (OSError, ValueError) as error:
-        reason = error.strerror or error if isinstance(error, OSError) else error
-        raise SettingsError(f"{path}: not a log that can be read: {reason}") from None
+    values = read_arrays(path)
     wanted = {f.name for f in fields(Log)}
     if missing := sorted(wanted - set(values)):
         older = "; an older version wrote it: replay the recording again" if "about" in values else ""

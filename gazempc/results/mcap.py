@@ -60,18 +60,9 @@ def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> list[Moment]:
     rows = (log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist())
     found: list[tuple[float, int, Moment]] = [(row[0], 0, AttendedMoment(*row)) for row in zip(*rows, strict=True)]
     for k, time_s in enumerate(log.arrival_time_s.tolist()):
-        seen = SeenMoment(
-            time_s,
-            float(log.capture_time_s[k]),
-            log.head_observed_base_m[k],
-            None,
-            str(log.person_id[k]),
-            log.forecast_mean_base_m[k],
-            log.forecast_covariance_m2[k],
-            float(log.forecast_degrees_of_freedom[k]),
-            log.forecast_true_base_m[k],
-        )
-        found.append((time_s, 0, seen))
+        forecast = log.forecast_mean_base_m[k], log.forecast_covariance_m2[k], float(log.forecast_degrees_of_freedom[k])
+        observed = float(log.capture_time_s[k]), log.head_observed_base_m[k], None, str(log.person_id[k])
+        found.append((time_s, 0, SeenMoment(time_s, *observed, *forecast, log.forecast_true_base_m[k])))
     events = zip(log.event_time_s.tolist(), log.event_name.tolist(), strict=True)
     found += [(time_s, 1, EventMoment(time_s, name, texts.get(name, name))) for time_s, name in events]
     found += [(plan.time_s, 1, plan) for plan in plans]

@@ -163,17 +163,8 @@ class Channels:
         speed_rad_s = nowhere if joints is None else joints.velocity_rad_s
         head_m = _UNKNOWN if tick.head_true_base_m is None else tick.head_true_base_m
         _, speeds, accelerations = zip(*tick.motions, strict=True)
-        row = (
-            tick.time_s,
-            *head_m.tolist(),
-            math.nan if joints is None else joints.time_s,
-            *position_rad.tolist(),
-            *speed_rad_s.tolist(),
-            *tick.sent_rad.tolist(),
-            *speeds,
-            *accelerations,
-        )
-        self._ticks(row, at)
+        read = (math.nan if joints is None else joints.time_s, *position_rad.tolist(), *speed_rad_s.tolist())
+        self._ticks((tick.time_s, *head_m.tolist(), *read, *tick.sent_rad.tolist(), *speeds, *accelerations), at)
         errors = np.rad2deg(
             gaze_error_rad(self._neck.geometry, position_rad, np.stack([head_m, self._observed_base_m]))
         ).tolist()
@@ -213,15 +204,8 @@ class Channels:
         true_m = np.full_like(seen.means_base_m, np.nan) if seen.true_base_m is None else seen.true_base_m
         i, j = np.triu_indices(3)
         for k, horizon_s in enumerate(FORECAST_HORIZONS_S):
-            forecast = (
-                seen.capture_time_s,
-                horizon_s,
-                *seen.means_base_m[k].tolist(),
-                *seen.covariances_m2[k, i, j].tolist(),
-                seen.degrees_of_freedom,
-                *true_m[k].tolist(),
-            )
-            self._forecasts(forecast, at)
+            stated = *seen.means_base_m[k].tolist(), *seen.covariances_m2[k, i, j].tolist(), seen.degrees_of_freedom
+            self._forecasts((seen.capture_time_s, horizon_s, *stated, *true_m[k].tolist()), at)
         self._frames.log(scene.transforms([scene.person_frame(head_m, seen.head_quat_wxyz)], seen.time_s), log_time=at)
         entities = [scene.person_entity("observed", head_m, seen.time_s)]
         if np.isfinite(seen.means_base_m).all():

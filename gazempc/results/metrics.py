@@ -116,14 +116,10 @@ def measure(log: Log) -> Metrics:
     scored = scored_ticks(log, judged)
     if scored.sum() < _FEWEST_SCORED:
         lasts_s = log.time_s[-1] - log.time_s[0]
-        why = (
-            f"the true head and the joints are known at {scored.sum()} ticks from {SCORED_FROM_S} s on, at least "
-            f"{_FEWEST_SCORED} are needed; the true head is not known in gaps of more than 0.2 s between frames"
-            if knows_head and lasts_s >= MIN_DURATION_S
-            else f"{lasts_s:.2f} s is too short: gaze is scored from {SCORED_FROM_S} s to the end, and at least "
-            f"{MIN_DURATION_S} s are needed"
-        )
-        raise LeftOutError(f"{log.run.recording}: {why}")
+        why, needed = f"{lasts_s:.2f} s is too short: gaze is scored", f"{MIN_DURATION_S} s"
+        if knows_head and lasts_s >= MIN_DURATION_S:
+            why, needed = f"true head and joints are known at {scored.sum()} ticks", str(_FEWEST_SCORED)
+        raise LeftOutError(f"{log.run.recording}: {why} from {SCORED_FROM_S} s on, at least {needed} are needed")
     reached = error <= CONTACT_DEG[0]
     moved = travel(log.time_s, log.head_true_base_m)
     error_scored = error[scored]

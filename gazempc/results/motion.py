@@ -162,25 +162,23 @@ def motion_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
     neck, read = log.neck, readings(log)
     enough = read.tick.size >= _FEWEST
     found = {
-        name: float(np.max(np.abs(derivative(read.position_rad, read.time_s, order)))) if enough else float("nan")
+        name: float(np.max(np.abs(derivative(read.position_rad, read.time_s, order)))) if enough else np.nan
         for order, name in enumerate(("peak_velocity_rad_s", "peak_acceleration_rad_s2", "peak_jerk_rad_s3"), start=1)
     }
-    counts = scored[read.tick]
-    found["rms_acceleration_rad_s2"] = _rms_acceleration(read.position_rad, read.time_s, counts)
-    head_rad = head_angles_rad(read.position_rad)
-    found["head_rms_acceleration_rad_s2"] = _rms_acceleration(head_rad, read.time_s, counts)
+    counts, head_rad = scored[read.tick], head_angles_rad(read.position_rad)
     speed = _gaze_speed(neck, read, counts) if enough else np.empty(0)
     long_enough = speed.size >= _FEWEST
-    rate_hz = neck.servo_rate_hz
-    found["sparc"] = sparc(speed, rate_hz) if long_enough else float("nan")
-    found["ldlj"] = log_dimensionless_jerk(speed, rate_hz) if long_enough else float("nan")
     head_deg = np.rad2deg(head_rad[counts])
     minutes = float(np.ptp(read.time_s[counts])) / 60.0 if head_deg.size else 0.0
-    turned = sum(reversals(angle_deg) for angle_deg in head_deg.T) if minutes else 0
-    found["reversals_per_min"] = turned / minutes if minutes else float("nan")
-    found["travel_deg_per_min"] = float(np.abs(np.diff(head_deg, axis=0)).sum()) / minutes if minutes else float("nan")
-    found["eye_eccentricity_p95_deg"] = of_known(eye_eccentricity_deg(log)[scored], p95)
-    return found
+    return found | {
+        "rms_acceleration_rad_s2": _rms_acceleration(read.position_rad, read.time_s, counts),
+        "head_rms_acceleration_rad_s2": _rms_acceleration(head_rad, read.time_s, counts),
+        "sparc": sparc(speed, neck.servo_rate_hz) if long_enough else np.nan,
+        "ldlj": log_dimensionless_jerk(speed, neck.servo_rate_hz) if long_enough else np.nan,
+        "reversals_per_min": sum(map(reversals, head_deg.T)) / minutes if minutes else np.nan,
+        "travel_deg_per_min": float(np.abs(np.diff(head_deg, axis=0)).sum()) / minutes if minutes else np.nan,
+        "eye_eccentricity_p95_deg": of_known(eye_eccentricity_deg(log)[scored], p95),
+    }
 
 
 def eye_eccentricity_deg(log: Log) -> FloatArray:

@@ -91,13 +91,8 @@ class Row:
 
     def as_dict(self) -> dict[str, Any]:
         """The row as it stands in `summary.json`."""
-        return {
-            "controller": self.controller,
-            "predictor": self.predictor,
-            **self.metrics.as_dict(),
-            "gap_closed": self.gap_closed,
-            **self.compute.as_dict(),
-        }
+        names = {"controller": self.controller, "predictor": self.predictor}
+        return names | self.metrics.as_dict() | {"gap_closed": self.gap_closed} | self.compute.as_dict()
 
 
 def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[Row]:
@@ -153,12 +148,13 @@ def write_summary(path: Path, about: dict[str, Any], rows: list[Row]) -> None:
         rows: The figures; NaN becomes null, as JSON has no NaN.
     """
     content = {**about, "versions": versions(), "rows": [row.as_dict() for row in rows]}
-    write_whole(path, json.dumps(_without_nan(content), indent=2) + "\n")
+    write_whole(path, json.dumps(without_nan(content), indent=2) + "\n")
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """Figures with null in the place of NaN and infinity, which JSON lacks."""
     if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
+        return {key: without_nan(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_nan(item) for item in value]
+        return [without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -131,9 +131,6 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
     def time(name: str) -> list[str]:
         return [_spread(r.mean(name), math.nan, 2, "") for r in repeats]
 
-    of_head = [("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2"))]
-    of_head = of_head if neck.joints > len(AXES) else []
-    of_eyes = [("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1))] if neck.eyes else []
     lines: list[tuple[str, list[str]]] = [
         ("", [label(r.first.controller) for r in repeats]),
         ("filter and forecast", [r.first.predictor for r in repeats]),
@@ -145,8 +142,6 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         ("            within 9 deg", spread("eye_contact_9", 1, " %")),
         ("gap to perfect closed", spread("gap_closed", 1, " %")),
         ("RMS acceleration [rad/s^2]", spread("rms_acceleration_rad_s2")),
-        *of_head,
-        *of_eyes,
         peak("velocity", "rad_s", "rad/s", 2),
         peak("acceleration", "rad_s2", "rad/s^2", 1),
         peak("jerk", "rad_s3", "rad/s^3", 0),
@@ -154,6 +149,10 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         ("step time, median [ms]", time("step_ms_p50")),
         ("           99 % below [ms]", time("step_ms_p99")),
     ]
+    if neck.eyes:
+        lines.insert(10, ("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1)))
+    if neck.joints > len(AXES):
+        lines.insert(10, ("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2")))
     if len(seeds) > 1:
         of_first = [f"{r.first.metrics.gaze_error_rms_deg:.2f}" for r in repeats]
         lines.insert(3, (f"           seed {seeds[0]}, as in the figures", of_first))
@@ -171,17 +170,18 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
     Returns:
         Lines of text.
     """
-    lines = table_lines(repeats, neck)
-    first = max(len(label) for label, _ in lines)
-    widths = [max(len(cells[i]) for _, cells in lines) for i in range(len(repeats))]
-    text = [
-        f"{label:<{first}}  " + "  ".join(f"{cell:>{w}}" for cell, w in zip(cells, widths, strict=True))
-        for label, cells in lines
-    ]
-    text.insert(2, "-" * len(text[0]))
+    text = aligned([[name, *cells] for name, cells in table_lines(repeats, neck)])
+    text.insert(2, "-" * max(map(len, text)))
     if against:
         text.append(f"Gaze error and eye contact are against {against}: the true head was not measured.")
-    return "\n".join(line.rstrip() for line in text)
+    return "\n".join(text)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table of texts: the first column flush left, the others flush right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    padded = ([f"{name:<{widths[0]}}", *map(str.rjust, cells, widths[1:])] for name, *cells in rows)
+    return ["  ".join(cells).rstrip() for cells in padded]
 
 
 def sentence(repeats: Sequence[Repeats]) -> str:

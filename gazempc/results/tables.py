@@ -44,16 +44,9 @@ def log_tables(log: Mapping[str, Any]) -> dict[str, Columns]:
     means, true = log["forecast_mean_base_m"], log["forecast_true_base_m"]
     each = means.shape[0] * horizons_s.size
     i, j = np.triu_indices(3)
-    ticks = [
-        log["time_s"],
-        *log["head_true_base_m"].T,
-        log["joint_time_s"],
-        *log["joint_position_rad"].T,
-        *log["joint_velocity_rad_s"].T,
-        *log["command_position_rad"].T,
-        *log["command_velocity_rad_s"].T,
-        *log["command_acceleration_rad_s2"].T,
-    ]
+    of_ticks = ["time_s", "head_true_base_m", "joint_time_s", "joint_position_rad", "joint_velocity_rad_s"]
+    of_ticks += ["command_position_rad", "command_velocity_rad_s", "command_acceleration_rad_s2"]
+    ticks = [column for name in of_ticks for column in np.atleast_2d(log[name].T)]
     observations = [log["capture_time_s"], log["arrival_time_s"], *log["head_observed_base_m"].T, log["person_id"]]
     forecasts = [
         np.repeat(log["capture_time_s"], horizons_s.size),

@@ -40,6 +40,7 @@ _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
 _CONNECT_WAIT_MS = 100.0
 # Period of retries without an answer, so that the ticks in between lose no time.
 _RETRY_S = 0.1
+_LOST_TORQUE = "a motor has lost its torque; perhaps its power was gone"
 
 
 class DynamixelNeck:
@@ -190,7 +191,7 @@ class DynamixelNeck:
             if self._torque_is_on().all():
                 self._ready = True
                 return True
-            self._trouble = f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone"
+            self._trouble = f"{self._bus.line}: {_LOST_TORQUE}"
         self._steps = self._steps or self._set_up()
         try:
             next(self._steps)
@@ -209,18 +210,14 @@ class DynamixelNeck:
         modes = [answer[0] for answer in self._read(_MODE)]
         for i, mode in enumerate(modes):
             if mode not in (_POSITION_MODE, _EXTENDED_POSITION_MODE):
-                raise RobotError(
-                    f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {_POSITION_MODE} (position) or "
-                    f"{_EXTENDED_POSITION_MODE} (extended position): set it with torque off; it is not changed here"
-                )
+                needed = f"{_POSITION_MODE} (position) or {_EXTENDED_POSITION_MODE} (extended position)"
+                raise RobotError(f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {needed}")
         yield
         for i, answer in enumerate(self._read(_RANGE)):
             high, low = struct.unpack("<ii", answer)
             if modes[i] == _POSITION_MODE and not low <= self._tick_min[i] <= self._tick_max[i] <= high:
-                raise RobotError(
-                    f"{self._bus.motor(i)}: the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks, "
-                    f"but the Position Limits (52, 48) are {low}..{high}: check zero tick and direction, or set them"
-                )
+                needed = f"the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks"
+                raise RobotError(f"{self._bus.motor(i)}: {needed}, but the Position Limits (52, 48) are {low}..{high}")
         yield
         holds = self._torque_is_on()
         yield
@@ -235,14 +232,11 @@ class DynamixelNeck:
         if limp:
             self._bus.write(_PROFILE_AND_GOAL, {m: unlimited + struct.pack("<i", goal) for m, goal in limp.items()})
         for i, answer in enumerate(self._read(_PROFILE_AND_GOAL)):
-            goal = struct.unpack("<i", answer[8:])[0]
-            if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
-                raise RobotError(
-                    f"{self._bus.motor(i)}: did not take profile 0 and goal {limp.get(self._ids[i], goal)}: check the "
-                    "wiring, and that it stands inside its Position Limits (52, 48)"
-                )
             # A motor that holds keeps the goal that it has.
-            self._goal[i] = goal
+            self._goal[i] = goal = struct.unpack("<i", answer[8:])[0]
+            if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
+                hint = "is it inside its Position Limits (52, 48)?"
+                raise RobotError(f"{self._bus.motor(i)}: did not take profile 0 and its goal: {hint}")
         yield
         self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
         for i, on in enumerate(self._torque_is_on()):
@@ -262,7 +256,7 @@ class DynamixelNeck:
 
     def _send(self, ticks: FloatArray) -> FloatArray:
         if not self._answered and not self._torque_is_on().all():
-            raise RobotError(f"{self._bus.line}: a motor has lost its torque; perhaps its power was gone")
+            raise RobotError(f"{self._bus.line}: {_LOST_TORQUE}")
         goal = ticks
         if self._approaching:
             near = np.clip(ticks, self._goal - self._step_ticks, self._goal + self._step_ticks)

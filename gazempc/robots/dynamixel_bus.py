@@ -160,18 +160,16 @@ class DynamixelBus:
 
     def _require(self, i: int, result: int) -> None:
         if result != self._sdk.COMM_SUCCESS:
+            hint = "check power, cable, id, baud rate, Status Return Level (68) and the adapter's latency timer"
             raise RobotError(
-                f"{self.motor(i)}: no answer that can be read ({self._packets.getTxRxResult(result)}): check power, "
-                "cable, id, baud rate, Status Return Level (68) of 1 or 2, and a latency timer of 1 ms of the adapter"
+                f"{self.motor(i)}: no answer that can be read ({self._packets.getTxRxResult(result)}): {hint}"
             )
 
     def _refuse_error(self, i: int, error: int) -> None:
         if error & _ALERT:
             status = self._sync_read(_HARDWARE_ERROR, (i,))[0][0][2]
             names = [name for bit, name in _HARDWARE_ERRORS.items() if status >> bit & 1]
-            raise RobotError(
-                f"{self.motor(i)}: hardware error: {', '.join(names) or f'status {status:#04x}'}; it may have let go: "
-                "remove the cause, then reboot the motor or switch its power off and on"
-            )
+            what = ", ".join(names) or f"status {status:#04x}"
+            raise RobotError(f"{self.motor(i)}: hardware error: {what}; remove the cause, then switch it off and on")
         if error:
             raise RobotError(f"{self.motor(i)}: refused what it was asked: {self._packets.getRxPacketError(error)}")

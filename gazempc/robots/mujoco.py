@@ -90,10 +90,8 @@ class MujocoNeck:
         try:
             model = mujoco.MjModel.from_xml_string(self.mjcf)
         except ValueError as error:
-            raise RobotError(
-                f"MuJoCo {mujoco.__version__} refused the model of neck {self._neck.name!r} "
-                f"(at least 3.5 is needed, for actuators with a delay): {error}"
-            ) from None
+            which = f"MuJoCo {mujoco.__version__} (needed: 3.5)"
+            raise RobotError(f"{which} refused the model of neck {self._neck.name!r}: {error}") from None
         data = mujoco.MjData(model)
         order = [int(model.joint(name).qposadr[0]) for name in self._neck.joint_names]
         data.qpos[order] = self._start_rad + self._load_rad

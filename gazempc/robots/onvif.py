@@ -65,9 +65,8 @@ class OnvifDevice:
         tokens = [each["token"] for each in profiles]
         wanted = self._options.profile
         if not tokens or (wanted is not None and wanted not in tokens):
-            raise RobotError(
-                f"{self.name}: no profile {wanted or 'that turns'}; accepted: {', '.join(tokens) or 'none'}"
-            )
+            accepted = ", ".join(tokens) or "none"
+            raise RobotError(f"{self.name}: no profile {wanted or 'that turns'}; accepted: {accepted}")
         self._token = wanted or tokens[0]
         node = profiles[tokens.index(self._token)]["ptz"].get("node_token")
         nodes = self._ask(self._client.ptz_get_nodes)
@@ -154,10 +153,8 @@ class OnvifDevice:
         try:
             return call(**what)
         except self._onveef.OnvifAuthError:
-            raise RobotError(
-                f"{self.name}: user or password refused; set GAZEMPC_ONVIF_USER and GAZEMPC_ONVIF_PASSWORD, or "
-                "--options.onvif.login FILE"
-            ) from None
+            hint = "set GAZEMPC_ONVIF_USER and GAZEMPC_ONVIF_PASSWORD, or --options.onvif.login FILE"
+            raise RobotError(f"{self.name}: user or password refused; {hint}") from None
         except self._onveef.OnvifError as error:
             raise RobotError(f"{self.name}: {getattr(error, 'code', 'onvif_error')} ({type(error).__name__})") from None
         except Exception as error:

@@ -23,12 +23,14 @@ from gazempc.neck.spec import NeckSpec, load_neck
 
 # Host, and source, that start it.
 EMULATOR = "emulator"
+# Field of view, and time from the exposure of a picture to its first byte.
 FOV_DEG = 60.0
 LATENCY_S = 0.2
 _SIZE = (480, 270)
 # Width and height of its picture.
 VIEW_DEG = FOV_DEG, math.degrees(2.0 * math.atan(_SIZE[1] / _SIZE[0] * math.tan(math.radians(0.5 * FOV_DEG))))
 _FPS = 10.0
+_WAIT_S = 1e-3
 _STARTS_WITHIN_S = 60.0
 # The person walks a sine across the view.
 _DISTANCE_M, _ASIDE_M, _PERIOD_S, _UP_M = 1.8, 0.9, 12.0, 0.1
@@ -39,15 +41,12 @@ class PtzEmulator:
 
     Args:
         neck: The camera: a neck whose joints take speeds, its name or its file.
-        latency_s: Time from the exposure of a picture to its first byte, seconds.
-        person: Whether a person walks in the picture.
     """
 
     running: PtzEmulator | None = None
 
-    def __init__(self, neck: str | NeckSpec, latency_s: float = LATENCY_S, person: bool = True) -> None:
+    def __init__(self, neck: str | NeckSpec) -> None:
         self._neck = load_neck(neck) if isinstance(neck, str) else neck
-        self._work = self._neck, latency_s, person
         self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
         self.address = ("", 0)
@@ -65,7 +64,7 @@ class PtzEmulator:
         if self._process is None:
             context = multiprocessing.get_context("spawn")
             self._pipe, theirs = context.Pipe()
-            self._process = context.Process(target=_serve, args=(*self._work, theirs), name="emulator", daemon=True)
+            self._process = context.Process(target=_serve, args=(self._neck, theirs), name="emulator", daemon=True)
             self._process.start()
             theirs.close()
             try:
@@ -103,31 +102,7 @@ def picture_url() -> str:
     return PtzEmulator.running.picture_url
 
 
-class _Pictures:
-    """The newest pictures, each due at its time."""
-
-    def __init__(self) -> None:
-        self._waiting: deque[tuple[float, bytes]] = deque(maxlen=64)
-        self._came = threading.Condition()
-
-    def add(self, due_s: float, jpeg: bytes) -> None:
-        with self._came:
-            self._waiting.append((due_s, jpeg))
-            self._came.notify_all()
-
-    def after(self, due_s: float) -> tuple[float, bytes]:
-        """The next picture due after a time; waits until it is due."""
-        while True:
-            with self._came:
-                later = next((each for each in self._waiting if each[0] > due_s), None)
-                if later is None:
-                    self._came.wait()
-                    continue
-            time.sleep(max(later[0] - time.monotonic(), 0.0))
-            return later
-
-
-def _server(pictures: _Pictures) -> ThreadingHTTPServer:
+def _server(pictures: deque[tuple[float, bytes]]) -> ThreadingHTTPServer:
     class Handler(BaseHTTPRequestHandler):
         def log_message(self, *_: Any) -> None:
             pass
@@ -140,7 +115,11 @@ def _server(pictures: _Pictures) -> ThreadingHTTPServer:
             # Pictures older than the connection are not sent.
             due_s = time.monotonic()
             while True:
-                due_s, jpeg = pictures.after(due_s)
+                later = next((each for each in tuple(pictures) if due_s < each[0]), None)
+                if later is None or later[0] > time.monotonic():
+                    time.sleep(_WAIT_S)
+                    continue
+                due_s, jpeg = later
                 head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
                 try:
                     self.wfile.write(head.encode() + jpeg + b"\r\n")
@@ -153,18 +132,18 @@ def _server(pictures: _Pictures) -> ThreadingHTTPServer:
     return server
 
 
-def _serve(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> None:
+def _serve(neck: NeckSpec, pipe: Connection) -> None:
     import signal  # noqa: PLC0415
 
     # Ctrl-C is for the run, which stops the camera first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        _emulate(neck, latency_s, person, pipe)
+        _emulate(neck, pipe)
     except (GazempcError, RuntimeError) as error:
         pipe.send(str(error))
 
 
-def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -> None:
+def _emulate(neck: NeckSpec, pipe: Connection) -> None:
     from gazempc.robots.mujoco import MujocoNeck  # noqa: PLC0415
     from gazempc.robots.studio import Studio, StudioPerson  # noqa: PLC0415
     from gazempc.robots.visca_server import ViscaServer  # noqa: PLC0415
@@ -175,7 +154,8 @@ def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -
         raise MissingOptionalDependencyError("the emulated camera", "opencv-python-headless", "ptz") from None
     view_deg = FOV_DEG if neck.head_view_deg is None else neck.head_view_deg[0]
     studio = Studio(*_SIZE, view_deg)
-    plant, lock, pictures = MujocoNeck(neck, time.monotonic), threading.Lock(), _Pictures()
+    plant, lock = MujocoNeck(neck, time.monotonic), threading.Lock()
+    pictures: deque[tuple[float, bytes]] = deque(maxlen=64)  # each with the time at which it is due
     plant.connect()
     visca, web = ViscaServer(plant, neck, lock), _server(pictures)
     pipe.send((visca.address, f"http://127.0.0.1:{web.server_port}/camera.mjpg"))
@@ -187,11 +167,9 @@ def _emulate(neck: NeckSpec, latency_s: float, person: bool, pipe: Connection) -
             exposed_s = time.monotonic()
             head = plant.data.body("head")
             place_m, turn = np.array(head.xpos), Rotation.from_matrix(np.array(head.xmat).reshape(3, 3))
-        someone = None
-        if person:
-            aside_m = _ASIDE_M * math.sin(math.tau * (exposed_s - start_s) / _PERIOD_S)
-            someone = StudioPerson(np.array([_DISTANCE_M, aside_m, _UP_M]), math.pi + math.atan2(aside_m, _DISTANCE_M))
-        rgb = studio.picture(someone, place_m + turn.apply(neck.geometry.eye_in_tilt_m), turn)
+        aside_m = _ASIDE_M * math.sin(math.tau * (exposed_s - start_s) / _PERIOD_S)
+        person = StudioPerson(np.array([_DISTANCE_M, aside_m, _UP_M]), math.pi + math.atan2(aside_m, _DISTANCE_M))
+        rgb = studio.picture(person, place_m + turn.apply(neck.geometry.eye_in_tilt_m), turn)
         _, jpeg = cv2.imencode(".jpg", rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
-        pictures.add(exposed_s + latency_s, jpeg.tobytes())
+        pictures.append((exposed_s + LATENCY_S, jpeg.tobytes()))
         exposed_s += 1.0 / _FPS

@@ -59,12 +59,7 @@ class ReachyMiniNeck:
         SettingsError: If straight ahead is not in the neck's range, or the neck has eyes.
     """
 
-    def __init__(
-        self,
-        neck: NeckSpec,
-        clock_s: Callable[[], float],
-        options: ReachyMiniOptions,
-    ) -> None:
+    def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: ReachyMiniOptions) -> None:
         if np.any(neck.position_min_rad > 0.0) or np.any(neck.position_max_rad < 0.0):
             # Only then what is clamped to the head's reach, towards the middle, stays in the neck's range.
             raise SettingsError(f"neck {neck.name!r}: the range for Reachy Mini must contain 0 of all joints")
@@ -239,10 +234,8 @@ class ReachyMiniNeck:
                 with self._changed:
                     if stop.is_set():
                         return
-                    self._lost = (
-                        f"Reachy Mini: no connection to the daemon at {self._uri} ({error or type(error).__name__}); "
-                        "start it with `reachy-mini-daemon` (add --sim for its simulator), or check address and network"
-                    )
+                    why = f"no connection to the daemon at {self._uri} ({error or type(error).__name__})"
+                    self._lost = f"Reachy Mini: {why}; start `reachy-mini-daemon` (--sim: its simulator)"
                     self._changed.notify_all()
                     self._changed.wait_for(stop.is_set, _RETRY_S)
 

@@ -24,7 +24,6 @@ class Robot(Protocol):
 
     def connect(self) -> None:
         """Open the connection; calling it again does nothing."""
-        ...
 
     def read_state(self) -> JointState | None:
         """Read the joints.
@@ -32,7 +31,6 @@ class Robot(Protocol):
         Returns:
             The latest measured state; None if the robot does not measure its joints, or has nothing new.
         """
-        ...
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """Send joint positions to go to.
@@ -43,11 +41,9 @@ class Robot(Protocol):
         Returns:
             What was really sent, shape (N,), radians: clamped to the joints' range.
         """
-        ...
 
     def close(self) -> None:
         """Close the connection; never raises, and may be called at any time."""
-        ...
 
 
 def check_command(command: FloatArray, joints: int) -> None:
@@ -88,10 +84,8 @@ def wrong_reading(state: object, neck: NeckSpec) -> str:
     for name in ("position_rad", "velocity_rad_s"):
         value: object = getattr(state, name)
         if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
-            return (
-                f"read_state() returned {name} {value!r}, needed is an array of shape ({neck.joints},): "
-                + ", ".join(neck.joint_names)
-            )
+            needed = f"an array of shape ({neck.joints},): {', '.join(neck.joint_names)}"
+            return f"read_state() returned {name} {value!r}, needed is {needed}"
         if np.abs(value).max() > _ANY_NUMBER:
             return f"read_state() returned {name} {value}, needed are numbers of a joint"
     return ""
@@ -113,13 +107,10 @@ def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
     """
     low, high = neck.position_min_rad, neck.position_max_rad
     if np.any((position_rad < low - _OUTSIDE_RAD) | (position_rad > high + _OUTSIDE_RAD)):
-        joints = zip(neck.joint_names, np.rad2deg(position_rad), strict=True)
-        stands = ", ".join(f"{name} {angle_deg:.1f}" for name, angle_deg in joints)
-        raise RobotError(
-            f"the neck stands at {stands} deg, outside its range ({np.rad2deg(low).round(1)} to "
-            f"{np.rad2deg(high).round(1)}): move it inside by hand, give a loop.gaze_region_deg that contains where it "
-            "stands, or check zero and direction of its axes"
-        )
+        stands_deg, least, most = (np.rad2deg(each).round(1) for each in (position_rad, low, high))
+        stands = ", ".join(f"{name} {deg:.1f}" for name, deg in zip(neck.joint_names, stands_deg, strict=True))
+        hint = "move it inside by hand, or check loop.gaze_region_deg, and zero and direction of its axes"
+        raise RobotError(f"the neck stands at {stands} deg, outside its range ({least} to {most}): {hint}")
     limits = neck.command_limits
     start, target = np.clip(position_rad, low, high), limits.clip_position(position_rad)
     if np.array_equal(start, target):

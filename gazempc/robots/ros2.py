@@ -286,19 +286,13 @@ class Ros2Neck:
         np.clip(states[:, 0], self._neck.position_min_rad, self._neck.position_max_rad, out=states[:, 0])
         states *= self._signs
         if self._trajectory is None:
-            self._trajectory = self._empty_trajectory()
+            # Filled for each command: to make a message takes longer. A stamp of zero stands for the time of arrival,
+            # so that the clocks of the two computers do not matter.
+            point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
+            points = [point() for _ in range(_STOP_POINTS + 1)]
+            self._trajectory = message_type(self._command_type)(joint_names=self._names, points=points)
         for point, each_s, state in zip(self._trajectory.points, later_s, states.tolist(), strict=True):
             point.positions, point.velocities, point.accelerations = state
             from_start = point.time_from_start
             from_start.sec, from_start.nanosec = divmod(self._from_start_ns + round(1e9 * each_s), 10**9)
         return self._trajectory
-
-    def _empty_trajectory(self) -> Any:
-        """The message that is filled for each command: to make one takes longer than to fill it.
-
-        A stamp of zero stands for the time of arrival, so that the clocks of the two computers do not matter.
-        """
-        point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
-        return message_type(self._command_type)(
-            joint_names=self._names, points=[point() for _ in range(_STOP_POINTS + 1)]
-        )

@@ -37,7 +37,6 @@ class SpeedDevice(Protocol):
 
     def open(self) -> None:
         """Connect; moves nothing."""
-        ...
 
     #: Whether it can be sent to angles.
     takes_angles: bool
@@ -48,27 +47,21 @@ class SpeedDevice(Protocol):
         Args:
             speeds_rad_s: Speeds that the device has; two zeros stop it.
         """
-        ...
 
     def go_to(self, angles_rad: Pair) -> None:
         """Go to angles of pan and tilt, radians; returns when the device has accepted them."""
-        ...
 
     def angles_rad(self) -> Pair | None:
         """Ask for pan and tilt, radians; None if the device does not tell."""
-        ...
 
     def recover(self) -> None:
         """Prepare for the next attempt after a fault."""
-        ...
 
     def about(self) -> list[tuple[str, str]]:
         """What the device is and can do, as pairs of name and value; moves nothing."""
-        ...
 
     def close(self) -> None:
         """Disconnect; the device has been stopped."""
-        ...
 
 
 class SpeedCamera:
@@ -98,10 +91,7 @@ class SpeedCamera:
     ) -> None:
         self._angles = device.takes_angles and not neck.takes_speeds
         if neck.joints != 2 or not (self._angles or neck.speed_joints.all()):
-            raise SettingsError(
-                f'neck {neck.name!r}: a pan-tilt camera needs the joints pan and tilt with command = "velocity", '
-                "such as the neck ptz"
-            )
+            raise SettingsError(f'neck {neck.name!r}: accepted: pan and tilt with command = "velocity", such as ptz')
         self._send = device.go_to if self._angles else device.drive
         self._limits_rad = neck.position_min_rad, neck.position_max_rad
         self._device, self._clock_s, self._reports = device, clock_s, neck.reports_joints
@@ -124,9 +114,8 @@ class SpeedCamera:
             try:
                 self._poll()
             except RobotError as error:
-                raise RobotError(
-                    f"{error}; for a camera that does not tell its position set reports_joints = false in the neck file"
-                ) from None
+                hint = "for a camera without position answers set reports_joints = false in the neck file"
+                raise RobotError(f"{error}; {hint}") from None
         except BaseException:
             self._device.close()
             raise

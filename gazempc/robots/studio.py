@@ -80,10 +80,8 @@ class Studio:
             self._data = mujoco.MjData(self._model)
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
         except Exception as error:
-            raise RuntimeError(
-                f"nothing can be rendered here ({type(error).__name__}: {error}): needed are mujoco, scikit-image and "
-                "Mesa's libEGL (Debian: libegl1 libgl1-mesa-dri), with MUJOCO_GL=egl before mujoco is imported"
-            ) from error
+            needed = "mujoco, scikit-image and Mesa's libEGL (Debian: libegl1 libgl1-mesa-dri), with MUJOCO_GL=egl"
+            raise RuntimeError(f"nothing can be rendered here ({error!r}): needed are {needed}") from error
         self._mujoco = mujoco
         self.width, self.height, self.fov_deg = width, height, fov_deg
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from gazempc.neck.spec import Axis, NeckSpec
+from gazempc.neck.spec import NeckSpec
 from gazempc.neck.speed_steps import SpeedSteps
 
 # Types of payload.
@@ -84,12 +84,8 @@ def position_of(answer: bytes) -> tuple[int, int] | None:
 
 def visca_steps(neck: NeckSpec) -> tuple[SpeedSteps, SpeedSteps]:
     """Speeds of a camera with VISCA: the table of the neck file, else 24 and 20 equal steps to the top speed."""
-    pan, tilt = (_steps(axis, count) for axis, count in zip((neck.pan, neck.tilt), SPEEDS, strict=True))
+    pan, tilt = (
+        axis.speed_steps or SpeedSteps.equal(axis.full_rad_s, count)
+        for axis, count in zip((neck.pan, neck.tilt), SPEEDS, strict=True)
+    )
     return pan, tilt
-
-
-def _steps(axis: Axis, count: int) -> SpeedSteps:
-    if axis.speed_steps is not None:
-        return axis.speed_steps
-    speeds = tuple(axis.full_rad_s * (k + 1) / count for k in range(count))
-    return SpeedSteps(positive_rad_s=speeds, negative_rad_s=speeds)

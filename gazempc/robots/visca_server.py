@@ -59,12 +59,6 @@ class ViscaServer:
         self._thread = threading.Thread(target=self._work, name="visca", daemon=True)
         self._thread.start()
 
-    def reboot(self) -> None:
-        """Lose the count of packets, and stand still."""
-        self._sequence = 0
-        with self._lock:
-            self._plant.send_command(np.zeros(2))
-
     def close(self) -> None:
         """Stop listening."""
         self._closing = True

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from gazempc.errors import SettingsError
 from gazempc.neck.human import MOTION_MEANS, Motion, with_motion
-from gazempc.neck.kinematics import head_angles_rad, look_at
+from gazempc.neck.kinematics import head_angles_rad, look_at_rad
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.load import MARK, load, load_together
 from gazempc.recordings.placement import Placement, place_together
@@ -105,7 +105,7 @@ class Scene:
             start[:2] = self.start_rad
             return start
         body_rad = head_angles_rad(start)[0] - start[0]
-        start[:2] = look_at(self.neck.geometry, first_seen_base_m).angles_rad
+        start[:2] = look_at_rad(self.neck.geometry, first_seen_base_m)
         start[0] += np.deg2rad(self.start_offset_deg) - body_rad
         if self.neck.body is not None:
             # The body stands where the head reaches the person.

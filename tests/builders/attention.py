@@ -1,11 +1,16 @@
 """Logs made by hand, of runs among several people and of looks away."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from builders.replays import run_info
 from gazempc.results.log import FORECAST_HORIZONS_S, Log
 
 TICK_S = 0.005
+COMMANDS = (
+    "joint_velocity_rad_s", "command_position_rad", "command_velocity_rad_s", "command_acceleration_rad_s2"
+)  # fmt: skip
 
 
 def attention_log(error_deg, attended=(), away=(), swaps_s=(), **about):
@@ -47,6 +52,13 @@ def attention_log(error_deg, attended=(), away=(), swaps_s=(), **about):
         away_why=np.array(reasons, dtype=np.str_),
         identity_swap_time_s=np.array(swaps_s, dtype=np.float64),
     )
+
+
+def of_motion(log, time_s, joints_rad, head_base_m, **changes):
+    """The log with other ticks, at which the joints are read, and a command at rest."""
+    still = dict.fromkeys(COMMANDS, np.zeros_like(joints_rad))
+    moved = {"time_s": time_s, "joint_time_s": time_s, "joint_position_rad": joints_rad}
+    return replace(log, **{"head_true_base_m": head_base_m, **moved, **still, **changes})
 
 
 def error_in(seconds, off_deg, *contacts_s):

@@ -15,7 +15,7 @@ from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import ImmediatePlanner
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.truth import TrueHead
 from gazempc.robots.mujoco import MujocoNeck
@@ -150,7 +150,7 @@ def run_live(
     """
     clock = clock or SimulatedClock()
     if start_rad is None:
-        start_rad = look_at(NECK.geometry, walk.truth.head_position_m[0]).angles_rad
+        start_rad = look_at_rad(NECK.geometry, walk.truth.head_position_m[0])
     if robot_class is MujocoNeck:
         inner = MujocoNeck(NECK, clock.now_s, start_rad)
     else:

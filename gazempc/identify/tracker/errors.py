@@ -196,8 +196,6 @@ def _fit(
 
 def _third_differences(data: Stretches, axes: BoolArray) -> float:
     """White error plus the fast part of the person's motion. The median ignores jumps."""
-    found = []
-    for b in range(data.used.shape[1]):
-        values = data.values[data.used[:, b]][:, axes, b]
-        found.append(np.abs(np.diff(values, 3, axis=0)).ravel())
-    return max(_LEAST, _NORMAL * float(np.median(np.concatenate(found))) / math.sqrt(_THIRD_DIFFERENCES))
+    stretches = (data.values[used][:, axes, b] for b, used in enumerate(data.used.T))
+    sizes = np.concatenate([np.abs(np.diff(values, 3, axis=0)).ravel() for values in stretches])
+    return max(_LEAST, _NORMAL * float(np.median(sizes)) / math.sqrt(_THIRD_DIFFERENCES))

@@ -59,14 +59,10 @@ class YawErrors:
 
     Attributes:
         error: White error and wander, radians.
-        known_share: Share of frames in which the yaw is known.
-        flips: How often it turned by 180 degrees from one frame to the next.
         used_s: Seconds that were used.
     """
 
     error: DirectionError
-    known_share: float
-    flips: int
     used_s: float
 
 
@@ -254,8 +250,7 @@ def _yaw(
     if known.mean() < 0.1 or known.sum() < 30:
         return None
     at_s, angle_rad = times_s[known], np.unwrap(yaw_rad[known])
-    turns = np.abs(np.angle(np.exp(1j * np.diff(angle_rad)))) > _FLIP_RAD
-    if turns.any():
+    if (np.abs(np.angle(np.exp(1j * np.diff(angle_rad)))) > _FLIP_RAD).any():
         # In twice the angle, half turns disappear.
         angle_rad = np.unwrap(2.0 * angle_rad) / 2.0
     values, ones = angle_rad[:, None], np.ones(at_s.size)
@@ -266,4 +261,4 @@ def _yaw(
         return None
     (fit,), _ = measure_errors(data, (0,), True, report)
     used_s = data.duration_s
-    return YawErrors(_direction(fit, used_s, moved, 0.0), float(known.mean()), int(turns.sum()), used_s)
+    return YawErrors(_direction(fit, used_s, moved, 0.0), used_s)

@@ -120,13 +120,11 @@ def _of_observations(person: str, observations: Sequence[HeadObservation], notes
     kept = [observations[k] for k in first]
     repeated = len(observations) - len(kept)
     notes = [*notes, *([f"{repeated} lines repeat an earlier capture time: left out"] if repeated else [])]
-    unknown = np.full(4, np.nan)
-    heads, pelvises = (
-        np.array([unknown if quat is None else quat for quat in quats])
+    head_rad, pelvis_rad = (
+        _forward_yaw_rad(np.array([np.full(4, np.nan) if quat is None else quat for quat in quats]))
         for quats in ([o.head_quat_wxyz for o in kept], [o.pelvis_quat_wxyz for o in kept])
     )
     positions_m = np.array([o.head_position_base_m for o in kept])
-    head_rad, pelvis_rad = _forward_yaw_rad(heads), _forward_yaw_rad(pelvises)
     return HeadTrack(person, times_s, positions_m, head_rad, pelvis_rad, None, tuple(notes))
 
 
@@ -207,22 +205,14 @@ def _check(path: Path, track: HeadTrack) -> None:
     place, frames = f"person {track.person}", track.times_s.size
     duration_s = float(np.ptp(track.times_s)) if frames else 0.0
     if frames < _MIN_FRAMES or duration_s < _MIN_DURATION_S:
-        raise RecordingError(
-            path,
-            place,
-            f"{frames} frames in {duration_s:.1f} s",
-            f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; better 30 s of a person who stands still",
-        )
+        needed = f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; better 30 s of a person who stands still"
+        raise RecordingError(path, place, f"{frames} frames in {duration_s:.1f} s", needed)
     check_plausible(path, track.times_s, track.position_m, at_sensor=True)
     if (np.ptp(track.position_m, axis=0) == 0.0).all():
         raise RecordingError(path, place, "the position never changes", "a tracker that measures")
     if (np.linalg.norm(track.position_m, axis=1) < _LEAST_RANGE_M).any():
-        raise RecordingError(
-            path,
-            place,
-            f"a head within {_LEAST_RANGE_M:g} m of the origin",
-            "positions in the sensor's own frame, x forward, y left, z up, the sensor at the origin",
-        )
+        needed = "positions in the sensor's own frame, x forward, y left, z up, the sensor at the origin"
+        raise RecordingError(path, place, f"a head within {_LEAST_RANGE_M:g} m of the origin", needed)
 
 
 def _without_repeats(track: HeadTrack) -> HeadTrack:
@@ -231,12 +221,5 @@ def _without_repeats(track: HeadTrack) -> HeadTrack:
     if new.mean() > 1.0 - _REPEATED:
         return track
     note = f"{int((~new).sum())} of {new.size} frames repeat the position before exactly: left out"
-    return replace(
-        track,
-        times_s=track.times_s[new],
-        position_m=track.position_m[new],
-        head_yaw_rad=track.head_yaw_rad[new],
-        pelvis_yaw_rad=track.pelvis_yaw_rad[new],
-        delays_s=None if track.delays_s is None else track.delays_s[new],
-        notes=(*track.notes, note),
-    )
+    arrays = {name: value[new] for name, value in vars(track).items() if isinstance(value, np.ndarray)}
+    return replace(track, **arrays, notes=(*track.notes, note))

@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.files.whole import write_whole
+from gazempc.identify.estimate import Interval
 from gazempc.identify.new_neck import as_toml
 from gazempc.identify.tracker.errors import Known
 from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, YawErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
 from gazempc.progress import Progress
+from gazempc.results.table import aligned
+from gazempc.types import FloatArray
 
 DEG = 180.0 / math.pi
 ASSUMED_LATENCY_S = 0.066
@@ -24,10 +27,8 @@ _GOOD_S = 20.0
 def table(errors: TrackerErrors) -> str:
     """Rows with value, standard deviation, and seconds of data used."""
     rows = list(_rows(errors))
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    return "\n".join(
-        f"{name.ljust(widths[0])}  {value.rjust(widths[1])}  {remark}".rstrip() for name, value, remark in rows
-    )
+    lines = aligned([row[:2] for row in rows])
+    return "\n".join(f"{line}  {remark}".rstrip() for line, (*_, remark) in zip(lines, rows, strict=True))
 
 
 def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
@@ -46,79 +47,52 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
     yield from _direction_rows("range", "% of the range", errors.along, 100.0, used)
     yield from _direction_rows("bearing", "deg, each axis", errors.across, DEG, used)
     jumps = errors.jumps
-    if jumps.durations_s.size:
-        along, across = errors.jump_sizes_m
-        size = f"{np.median(along):.2f} m along, {np.median(across):.2f} m across the line of sight (medians); "
-        last = f"up to {jumps.durations_s.max():.2f} s" if jumps.durations_s.any() else "one frame each"
-        yield "jumps a second", f"{jumps.durations_s.size / errors.used_s:.2f}", size + last
-    else:
-        yield "jumps a second", "0", used
+    along, across = (np.median(sizes_m) if sizes_m.size else 0.0 for sizes_m in errors.jump_sizes_m)
+    size = f"{along:.2f} m along, {across:.2f} m across the line of sight (medians)"
+    last = f"up to {jumps.durations_s.max(initial=0.0):.2f} s"
+    yield "jumps a second", f"{jumps.durations_s.size / errors.used_s:.2f}", f"{size}; {last}"
     for name, yaw in (("head yaw", errors.head_yaw), ("pelvis yaw", errors.pelvis_yaw)):
         if yaw is None:
             yield name, "-", "not in the recording"
-            continue
-        yield from _direction_rows(name, "deg", yaw.error, DEG, f"{yaw.used_s:.0f} s")
-        if yaw.flips:
-            yield f"{name}: half turns", f"{yaw.flips}", "from one frame to the next; not in the file"
-        if yaw.known_share < 1.0:
-            yield f"{name}: known (%)", f"{100 * yaw.known_share:.1f}", "of the frames"
+        else:
+            yield from _direction_rows(name, "deg", yaw.error, DEG, f"{yaw.used_s:.0f} s")
 
 
 def _direction_rows(
     name: str, unit: str, error: DirectionError, factor: float, used: str
 ) -> Iterator[tuple[str, str, str]]:
     fit, label = error.fit, f"{name}: wander ({unit})"
-    if fit.hidden:
-        yield f"{name}: white ({unit})", f"< {factor * fit.white.value:.3f}", f"{used}; hidden by motion or smoothing"
-    else:
-        yield f"{name}: white ({unit})", shown(fit.white, factor, 3), used
+    white = f"< {factor * fit.white.value:.3f}" if fit.hidden else _shown(fit.white, factor, 3)
+    yield f"{name}: white ({unit})", white, f"{used}; hidden by motion or smoothing" if fit.hidden else used
     if error.wander == "unknown":
         yield label, "unknown", "hidden by the person's motion, or too slow for this recording; not in the file"
     elif error.wander == "none" or fit.wander is None or fit.correlation_s is None:
         yield label, "none", "none seen, or no more than a person's sway"
     else:
-        yield label, shown(fit.wander, factor, 3), used
-        yield f"{name}: its correlation time (s)", shown(fit.correlation_s, 1.0, 2), used
+        yield label, _shown(fit.wander, factor, 3), used
+        yield f"{name}: its correlation time (s)", _shown(fit.correlation_s, 1.0, 2), used
 
 
-def shown(known: Known, factor: float, digits: int) -> str:
-    """A value with its standard deviation.
-
-    Args:
-        known: The value.
-        factor: From its unit to the one shown.
-        digits: After the point.
-
-    Returns:
-        Text such as ``0.082 ± 0.003``.
-    """
-    # A spread rounded to nothing would claim certainty.
-    return f"{factor * known.value:.{digits}f} ± {max(factor * known.sd, 10.0**-digits):.{digits}f}"
+def _shown(known: Known, factor: float, digits: int) -> str:
+    return Interval.around(known.value, known.sd).shown(factor, digits)
 
 
 def warnings(errors: TrackerErrors) -> list[str]:
     """Warnings about the file: unknown, bounded or assumed values."""
     found = []
     if errors.moved:
+        still = f"still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s"
         found.append(
-            f"the person moved too much: still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s. Wander "
-            "is unknown and left out, so the file describes a tracker with less error than yours; record 30 s of a "
-            "person who stands still"
+            f"the person moved too much: {still}. Wander is left out; record 30 s of a person who stands still"
         )
     elif errors.used_s < _GOOD_S:
-        found.append(
-            f"only {errors.used_s:.0f} s of a person who is still; 30 s give a better estimate, mainly of wander"
-        )
+        found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are better, mainly for wander")
     if errors.along.fit.hidden or errors.across.fit.hidden:
-        found.append(
-            "white error cannot be measured: the tracker smooths, or the person moved. The file has upper bounds"
-        )
+        found.append("white error: upper bounds only, as the tracker smooths, or the person moved")
     if errors.jumps.durations_s.size and not errors.jumps_across:
-        found.append("jumps are small or along the line of sight only; a sensor file has no field for them; left out")
+        found.append("jumps are small or along the line of sight only: left out, a sensor file has no field for them")
     if errors.latency_s is None:
-        found.append(
-            f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as the sensor reference"
-        )
+        found.append(f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as `reference`")
     return found
 
 
@@ -159,11 +133,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     values["head_yaw"] = _yaw_table(errors.head_yaw)
     values["pelvis_yaw"] = _yaw_table(errors.pelvis_yaw)
     if frames.gaps_s.size:
-        values["loss"] = {
-            "mean_interval_s": _rounded(frames.gap_interval_s),
-            "duration_min_s": _rounded(frames.gaps_s.min()),
-            "duration_max_s": _rounded(frames.gaps_s.max()),
-        }
+        values["loss"] = _bursts(frames.gap_interval_s, frames.gaps_s, (0.0, 1.0))
     if not frames.regular:
         # Uniform from 0 to this has that standard deviation; the rate is that of frames that are not late.
         jitter_s = frames.jitter_s * math.sqrt(12.0)
@@ -174,7 +144,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
 
 def _white(error: DirectionError, factor: float, digits: int) -> str:
     white = error.fit.white
-    return f"at most {factor * white.value:.{digits}f}" if error.fit.hidden else shown(white, factor, digits)
+    return f"at most {factor * white.value:.{digits}f}" if error.fit.hidden else _shown(white, factor, digits)
 
 
 def _direction_table(error: DirectionError, factor: float, unit: str) -> dict[str, object]:
@@ -191,18 +161,16 @@ def _yaw_table(yaw: YawErrors | None) -> dict[str, object]:
 
 
 def _jumps_table(errors: TrackerErrors) -> dict[str, object]:
-    jumps = errors.jumps
-    sizes_m = np.hypot(*errors.jump_sizes_m)
-    low_m, high_m = np.quantile(sizes_m, [0.1, 0.9])
-    low_s, high_s = np.quantile(jumps.durations_s, [0.1, 0.9])
-    free_s = errors.used_s - float(jumps.durations_s.sum())
-    return {
-        "mean_interval_s": _rounded(free_s / jumps.durations_s.size),
-        "duration_min_s": _rounded(low_s),
-        "duration_max_s": _rounded(high_s),
-        "size_min_m": _rounded(low_m),
-        "size_max_m": _rounded(high_m),
-    }
+    durations_s = errors.jumps.durations_s
+    low_m, high_m = np.quantile(np.hypot(*errors.jump_sizes_m), [0.1, 0.9])
+    free_s = errors.used_s - float(durations_s.sum())
+    bursts = _bursts(free_s / durations_s.size, durations_s, (0.1, 0.9))
+    return {**bursts, "size_min_m": _rounded(low_m), "size_max_m": _rounded(high_m)}
+
+
+def _bursts(interval_s: float, durations_s: FloatArray, quantiles: tuple[float, float]) -> dict[str, object]:
+    low_s, high_s = map(_rounded, np.quantile(durations_s, quantiles))
+    return {"mean_interval_s": _rounded(interval_s), "duration_min_s": low_s, "duration_max_s": high_s}
 
 
 def _rounded(value: float) -> float:

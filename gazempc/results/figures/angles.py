@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gazempc.neck.kinematics import gaze_ray, look_at, pan_tilt_rad, unwrap_pan
+from gazempc.neck.kinematics import gaze_ray, look_at_rad, pan_tilt_rad, unwrap_pan
 from gazempc.neck.spec import AXES
 from gazempc.results.figures.known import draw_known, finish, parts, shown_head
 from gazempc.results.figures.style import DPI, OBSERVED, Logs, note, readable, shade_unscored, styles
@@ -45,7 +44,11 @@ def angles(logs: Logs, path: Path) -> None:
         end_s = max(float(log.time_s[-1] - log.time_s[0]) for log in logs.values())
         axes[0, 0].set(ylabel="pan, left + (deg)", xlim=(0.0, end_s))
         axes[1, 0].set_ylabel("tilt, up + (deg)")
-        _legend(figure, axes[0, 0], drawn, 5 if len(logs) > 2 else 3)
+        # Kinds of line in a neutral colour, because the colour is the controller's; only those that are drawn.
+        for label, look in drawn.items():
+            axes[0, 0].plot([], [], **look, label=label)
+        handles, columns = axes[0, 0].get_legend_handles_labels(), 5 if len(logs) > 2 else 3
+        figure.legend(*handles, loc="outside lower center", ncols=columns, frameon=False)
         finish(figure, logs, path)
 
 
@@ -118,7 +121,7 @@ def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
 def _toward(log: Log, head_base_m: FloatArray, ticks: IntArray) -> FloatArray:
     """Where heads are at these ticks, pan and tilt, shape (K, 2), radians: of the joints, or with more of the gaze."""
     if log.neck.joints == len(AXES):
-        return _continuous(log, look_at(log.neck.geometry, head_base_m).angles_rad)
+        return _continuous(log, look_at_rad(log.neck.geometry, head_base_m))
     joints_rad = np.where(np.isfinite(log.joint_position_rad), log.joint_position_rad, log.command_position_rad)
     eye_m, _ = gaze_ray(log.neck.geometry, joints_rad[ticks])
     return _continuous(log, pan_tilt_rad(head_base_m - eye_m))
@@ -132,10 +135,3 @@ def _continuous(log: Log, angles_rad: FloatArray) -> FloatArray:
     if known.any():
         smooth[known] = unwrap_pan(angles_rad[known], float(start_rad), low_rad, high_rad)
     return smooth
-
-
-def _legend(figure: Figure, ax: Axes, drawn: dict[str, dict[str, Any]], columns: int) -> None:
-    """Kinds of line in a neutral colour, because the colour is the controller's; only those that are drawn."""
-    for label, look in drawn.items():
-        ax.plot([], [], **look, label=label)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns, frameon=False)

@@ -158,13 +158,10 @@ def animate(logs: Logs, path: Path) -> None:
     times_s = frame_times(max(float(log.time_s[-1] - log.time_s[0]) for log in logs.values()))
 
     # One palette for all frames, of a picture with all colours: palettes of their own would flicker and cost bytes.
-    samples = []
-    for contact in (True, False):
-        for panel in panels:
-            panel.show(float(times_s[-1]))
-            panel.frame(contact)
-        samples.append(np.asarray(picture()))
-    palette = Image.fromarray(np.concatenate(samples)).quantize(_COLOURS, kmeans=2)
+    for k, panel in enumerate(panels):
+        panel.show(float(times_s[-1]))
+        panel.frame(k % 2 == 0)
+    palette = picture().quantize(_COLOURS, kmeans=2)
     colours = np.reshape(palette.getpalette() or [], (-1, 3))
     # The nearest colour is looked up in steps of a few levels, which makes white grey if a near white is there.
     colours[colours.min(axis=1) > 248] = 255

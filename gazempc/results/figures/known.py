@@ -126,13 +126,10 @@ def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: 
         head: The head.
         **look: Arguments of matplotlib's `plot`.
     """
-    if not head.rare:
-        ax.plot(x, y, **look)
-        return
-    ax.plot(x, y, **(look | {"lw": 0.8, "ls": ":", "label": None}))
-    alone = _alone(head.known)
-    ax.plot(x, np.where(head.known & ~alone, y, np.nan), **(look | {"label": None}))
-    ax.plot(x[alone], y[alone], **(look | {"ls": "", "marker": "o", "ms": _POINT}))
+    if head.rare:
+        ax.plot(x[head.known], y[head.known], **(look | {"ls": "", "marker": "o", "ms": _POINT}))
+        look |= {"lw": 0.8, "ls": ":", "label": None}
+    ax.plot(x, y, **look)
 
 
 def running_contact(log: Log) -> FloatArray:
@@ -175,10 +172,8 @@ def finish(figure: Figure, logs: Logs, path: Path) -> None:
 
 
 def _alone(known: BoolArray) -> BoolArray:
-    beside = np.zeros_like(known)
-    beside[1:] |= known[:-1]
-    beside[:-1] |= known[1:]
-    return known & ~beside
+    beside = np.convolve(known, [1, 0, 1], "same") > 0
+    return np.asarray(known & ~beside)
 
 
 def _joined(times_s: FloatArray, at_s: FloatArray, positions_m: FloatArray) -> FloatArray:

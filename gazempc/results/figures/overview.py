@@ -73,7 +73,9 @@ def attended(logs: Logs, path: Path) -> None:
         looks, end_s = style.styles(logs), 0.0
         for row, (_, log) in enumerate(logs.items()):
             people.draw_turns(ax, log, -float(row), _WHO, _ATTENDED_LETTERS)
-            _draw_contact(ax, log, -row - 0.5 * _WHO - _CONTACT)
+            spans_s = people.spans(gaze_error_deg(log) <= CONTACT_DEG[0], log.time_s)
+            bars = [(from_s, to_s - from_s) for from_s, to_s in spans_s]
+            ax.broken_barh(bars, (-row - 0.5 * _WHO - _CONTACT, _CONTACT), color=style.CONTACT_COLOUR, lw=0)
             end_s = max(end_s, float(log.time_s[-1] - log.time_s[0]))
         ax.set_yticks([-float(row) for row in range(len(logs))], [looks[name].label for name in logs])
         ax.set(xlim=(0.0, end_s), ylim=(0.45 - len(logs), 0.4), xlabel="time (s)")
@@ -84,13 +86,6 @@ def attended(logs: Logs, path: Path) -> None:
             legend.append(Patch(color=style.CONTACT_COLOUR, label=f"contact (within {CONTACT_DEG[0]:g} deg)"))
         figure.legend(handles=legend, loc="outside lower center", ncols=4, frameon=False)
         known.finish(figure, logs, path)
-
-
-def _draw_contact(ax: Axes, log: Log, at: float) -> None:
-    spans_s = people.spans(gaze_error_deg(log) <= CONTACT_DEG[0], log.time_s)
-    ax.broken_barh(
-        [(from_s, to_s - from_s) for from_s, to_s in spans_s], (at, _CONTACT), color=style.CONTACT_COLOUR, lw=0
-    )
 
 
 _OVERVIEW_WIDTH = 32 / 3
@@ -152,19 +147,17 @@ def overview(logs: Logs, path: Path) -> None:
         axes = {row: figure.add_subplot(column[k]) for k, row in enumerate(rows)}
         axes["walk"] = figure.add_subplot(halves[0])
         beside = draw_birds_eye(axes["walk"], logs)
-        axes["walk"].set_title(_walk_title(beside), fontsize="medium")
+        lines_of = "".join(f"; {part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
+        axes["walk"].set_title(f"the walk from above, and where the robot looks{lines_of}", fontsize="medium")
         heads_alone = draw_gaze_error(axes["error"], logs)
-        legend = (
-            "; dashed: error of the head alone" if heads_alone else f" (within {CONTACT_DEG[0]:g}°); grey: not scored"
-        )
-        axes["error"].set_title(f"green: eye contact{legend}", fontsize="medium")
+        legend = "dashed: error of the head alone" if heads_alone else "grey: not scored"
+        axes["error"].set_title(f"green: eye contact (within {CONTACT_DEG[0]:g}°); {legend}", fontsize="medium")
         if lines:
             _draw_people(axes["people"], lines, axes["error"].get_xlim())
         draw_contact_bars(axes["bars"], logs)
-        about = f"{style.recording_title(logs)}; {style.setup_title(logs)}"
-        if len(about) > _LONGEST_TITLE:
-            about = f"{style.recording_title(logs)}\n{style.setup_title(logs)}"
-        titles = filter(None, (people.question(logs), about, known.known_title(logs)))
+        about = style.recording_title(logs), style.setup_title(logs)
+        joint = "; " if sum(map(len, about)) < _LONGEST_TITLE else "\n"
+        titles = filter(None, (people.question(logs), joint.join(about), known.known_title(logs)))
         figure.suptitle("\n".join(titles))
         figure.savefig(path, dpi=style.DPI)
 
@@ -184,13 +177,6 @@ def _draw_people(ax: Axes, lines: dict[str, Log], shown_s: tuple[float, float]) 
     ax.tick_params(left=False)
     ax.set(xticks=[], xlim=shown_s, ylim=(len(lines) - 0.5, -0.5))
     ax.spines[:].set_visible(False)
-
-
-def _walk_title(beside: tuple[known.Part, ...]) -> str:
-    if not beside:
-        return "the walk from above, and where the robot looks"
-    lines = (f"{part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
-    return f"where the robot looks; {', '.join(lines)}"
 
 
 def _bar(ax: Axes, at: float, height: float, share: float, look: dict[str, Any], font: dict[str, Any]) -> Text:

@@ -152,11 +152,9 @@ def draw_turns(ax: Axes, log: Log, at: float, height: float, letters: float) -> 
     for turn in turns(log):
         lasts_s = turn.to_s - turn.from_s
         ax.barh(at, lasts_s, height, turn.from_s, color=person_colour(turn.number), ec="w", lw=0.8)
-        # Words stand where they have most room between looks away.
-        inside = [(from_s, to_s) for from_s, to_s, _ in away if turn.from_s <= from_s < turn.to_s]
-        ends_s = np.array([turn.from_s, *(at_s for span in inside for at_s in span), turn.to_s]).reshape(-1, 2)
-        from_s, to_s = max(ends_s.tolist(), key=lambda free: free[1] - free[0])
-        _write(ax, 0.5 * (from_s + to_s), at, turn.texts, per_s * (to_s - from_s))
+        # Words stand before the first look away.
+        to_s = min([from_s for from_s, *_ in away if turn.from_s < from_s < turn.to_s], default=turn.to_s)
+        _write(ax, 0.5 * (turn.from_s + to_s), at, turn.texts, per_s * (to_s - turn.from_s))
     for from_s, to_s, why in away:
         ax.barh(at, to_s - from_s, height, from_s, fc=(1, 1, 1, 0.55), ec="0.35", hatch=_HATCH, lw=0.6)
         _write(ax, 0.5 * (from_s + to_s), at, (why,), per_s * (to_s - from_s), bbox=_BOX)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.neck.spec import Axis, NeckSpec
+from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of
 from gazempc.results.attention import WORDS, measure_attention
 from gazempc.results.contact import CONTACT_DEG
@@ -84,7 +84,8 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
         return ()
     found = [asdict(measure_attention(log)) for log in logs.values()]
     known = [name for name in WORDS if any(np.isfinite(each[name]) for each in found)]
-    rows = tuple((WORDS[name][0], *(_cell(WORDS[name][1] * each[name]) for each in found)) for name in known)
+    shown = {name: [f"{WORDS[name][1] * each[name]:.3g}".replace("nan", "-") for each in found] for name in known}
+    rows = tuple((WORDS[name][0], *cells) for name, cells in shown.items())
     of_each = PageTable("People and looks away", ("", *map(label, logs)), rows)
     name, log = list(logs.items())[-1]
     attended = [(turn.from_s, turn.to_s, turn.texts[0]) for turn in people.turns(log)]
@@ -93,10 +94,6 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
     note = f"The first {_MOST_ROWS} of {len(lines)}; all are in the log." if len(lines) > _MOST_ROWS else ""
     heading = f"Whom the gaze was for: {label(name)}"
     return of_each, PageTable(heading, ("from [s]", "to [s]", ""), lines[:_MOST_ROWS], note)
-
-
-def _cell(value: float) -> str:
-    return f"{value:.3g}" if np.isfinite(value) else "-"
 
 
 # Pictures of a run, in reading order.
@@ -231,18 +228,12 @@ def _noise(seeds: Sequence[int]) -> str:
 
 
 def _limits(neck: NeckSpec) -> str:
-    """Dead time, range and limits, joint by joint; joints that are alike but for their range together."""
-    alike: dict[str, list[str]] = {}
-    for name, axis in zip(neck.joint_names, neck.axes, strict=True):
-        span = f"{name.replace('_', ' ')} {axis.position_min_deg:g} to {axis.position_max_deg:g} deg"
-        alike.setdefault(_servo(axis), []).append(span)
-    return "; ".join(f"{', '.join(spans)}: {servo}" for servo, spans in alike.items())
-
-
-def _servo(axis: Axis) -> str:
-    return (
-        f"dead time {axis.dead_time_s:g} s, servo lag {axis.servo_lag_s:.2g} s, at most {axis.velocity_max_rad_s:g} "
-        f"rad/s, {axis.acceleration_max_rad_s2:g} rad/s², {axis.jerk_max_rad_s3:g} rad/s³"
+    """Range, dead time and limits, joint by joint."""
+    return "; ".join(
+        f"{name.replace('_', ' ')} {axis.position_min_deg:g} to {axis.position_max_deg:g} deg, dead time "
+        f"{axis.dead_time_s:g} s, servo lag {axis.servo_lag_s:.2g} s, at most {axis.velocity_max_rad_s:g} rad/s, "
+        f"{axis.acceleration_max_rad_s2:g} rad/s², {axis.jerk_max_rad_s3:g} rad/s³"
+        for name, axis in zip(neck.joint_names, neck.axes, strict=True)
     )
 
 
@@ -273,26 +264,23 @@ def live_page(
             f"The gaze was on the person's eyes (within 2.6 deg) {100 * metrics['eye_contact_2p6']:.1f} % of the time, "
             f"at an RMS error of {metrics['gaze_error_rms_deg']:.2f} deg, against {summary['scored_against']}."
         )
-    chart = error_chart({log.run.controller: log}) if known else joints_chart(log)
+    logs = {log.run.controller: log}
+    figures = (metrics or {}) | (summary["compute_of_last_log"] or {})
+    rows = tuple((name, f"{value:.4g}") for name, value in figures.items() if value is not None)
+    whole_run = PageTable("The whole run", ("", "value"), tuple(_live_rows(summary)))
+    of_last_log = PageTable(f"Metrics of {of_log}", ("", "value"), rows)
     return Page(
         title=f"Live gaze from {log.run.recording}",
-        question=people.question({log.run.controller: log}),
+        question=people.question(logs),
         answer=(answer,),
         setup=setup_of(log) | {"gaze": f"{log.run.controller}, predictor {log.run.predictor}", "log": of_log},
-        tables=(*_live_tables(summary, of_log), *people_tables({log.run.controller: log})),
-        charts=(chart,),
+        tables=(whole_run, of_last_log, *people_tables(logs)),
+        charts=(error_chart(logs) if known else joints_chart(log),),
         pictures=captions(pictures),
         unusual=tuple(_live_unusual(summary, meanings)),
         command=command,
         settings=summary["settings"],
     )
-
-
-def _live_tables(summary: Mapping[str, Any], of_log: str) -> tuple[PageTable, ...]:
-    known = (summary["metrics_of_last_log"] or {}) | (summary["compute_of_last_log"] or {})
-    rows = [(name, f"{value:.4g}") for name, value in known.items() if value is not None]
-    metrics = [PageTable(f"Metrics of {of_log}", ("", "value"), tuple(rows))] if rows else []
-    return PageTable("The whole run", ("", "value"), tuple(_live_rows(summary))), *metrics
 
 
 def _live_rows(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

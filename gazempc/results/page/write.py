@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -32,33 +31,17 @@ def embed(pictures: Mapping[Path, str], room_bytes: int) -> list[dict[str, Any]]
         room_bytes: For all of them, encoded.
 
     Returns:
-        Values of the template, in the same order; without data where there was no room. Where the files are too large
-        together, PNG files are taken in 256 colours.
+        Values of the template, in the same order; without data where there was no room.
     """
-    files = {path: path.read_bytes() for path in pictures}
-    if sum(map(_encoded_bytes, files.values())) > room_bytes:
-        files = {path: _smaller(data) if path.suffix == ".png" else data for path, data in files.items()}
     found = []
-    for path, data in files.items():
-        with Image.open(io.BytesIO(data)) as image:
-            width, height = image.size
-        fits = _encoded_bytes(data) <= room_bytes
-        room_bytes -= _encoded_bytes(data) if fits else 0
-        uri = f"data:{_TYPES[path.suffix]};base64,{base64.b64encode(data).decode()}" if fits else ""
-        size = {"width": width, "height": height}
-        found.append({"name": path.name, "about": pictures[path], "uri": uri, "moves": path.suffix == ".gif", **size})
+    for path, about in pictures.items():
+        with Image.open(path) as image:
+            size = dict(zip(("width", "height"), image.size, strict=True))
+        encoded = base64.b64encode(path.read_bytes()).decode()
+        uri = f"data:{_TYPES[path.suffix]};base64,{encoded}" if len(encoded) <= room_bytes else ""
+        room_bytes -= len(uri)
+        found.append({"name": path.name, "about": about, "uri": uri, "moves": path.suffix == ".gif", **size})
     return found
-
-
-def _encoded_bytes(data: bytes) -> int:
-    return 4 * (len(data) + 2) // 3
-
-
-def _smaller(png: bytes) -> bytes:
-    out = io.BytesIO()
-    with Image.open(io.BytesIO(png)) as image:
-        image.convert("RGB").quantize(256).save(out, "PNG", optimize=True)
-    return min(png, out.getvalue(), key=len)
 
 
 NAME = "report.html"

@@ -3,7 +3,7 @@ import pytest
 
 from experiments.eyes.one_program import OneProgram
 from gazempc.errors import SettingsError
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 from tests.builders.control import run
 
@@ -22,7 +22,7 @@ def beside(times_s):
 
 
 def test_head_and_eyes_together_stay_on_the_person():
-    start = np.concatenate([look_at(EYES.geometry, crossing(0.0)).angles_rad, [0.0, 0.0]])
+    start = np.concatenate([look_at_rad(EYES.geometry, crossing(0.0)), [0.0, 0.0]])
     joints, _, error_deg = run(OneProgram(EYES), EYES, crossing, 500, start_rad=start)
     assert error_deg[250:].max() < 0.3
     # The head is not made to follow alone.

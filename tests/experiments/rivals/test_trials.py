@@ -5,7 +5,7 @@ import pytest
 
 from experiments.rivals.trials import LOSS_S, SIT, STAND, make_trial, takes
 from gazempc.errors import LeftOutError
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import Geometry
 from gazempc.recordings.recording import Labels
 from gazempc.recordings.truth import TrueHead
@@ -14,7 +14,7 @@ WALK = "subject01_R1"
 
 
 def angles_deg(walk, times_s):
-    return np.rad2deg(look_at(Geometry(), TrueHead(walk)(np.asarray(times_s))).angles_rad)
+    return np.rad2deg(look_at_rad(Geometry(), TrueHead(walk)(np.asarray(times_s))))
 
 
 @pytest.mark.parametrize("name", ["still_seated_left", "still_standing_centre", "still_standing_right"])

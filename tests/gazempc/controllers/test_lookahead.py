@@ -8,7 +8,7 @@ from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.reactive import Reactive
 from gazempc.neck.ahead import settled_joints
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 
 
@@ -39,12 +39,12 @@ def at_rest(controller, path, command_rad=0.0):
 def test_a_steady_turn_is_followed_without_lag_or_lead(name, smoothing_time_s):
     """Whatever the low-pass and the rates: a lag of 1 ms would be 0.023 deg."""
     neck = load_neck(name)
-    start = look_at(neck.geometry, turning(0.0)).angles_rad
+    start = look_at_rad(neck.geometry, turning(0.0))
     joints, _, _ = run(
         LookAhead(neck, smoothing_time_s), neck, turning, round(2.8 * neck.servo_rate_hz), start_rad=start
     )
     times_s = neck.servo_period_s * np.arange(len(joints))
-    aims = np.array([look_at(neck.geometry, head).angles_rad[0] for head in turning(times_s)])
+    aims = np.array([look_at_rad(neck.geometry, head)[0] for head in turning(times_s)])
     late = times_s > 2.6
     assert np.degrees(joints[late, 0] - aims[late]) == pytest.approx(0.0, abs=0.01)
 
@@ -63,7 +63,7 @@ def test_acquisition_is_not_smoothed(name):
     ticks = round(2.5 * neck.servo_rate_hz)
     plain, meant, _ = run(LookAhead(neck, 0.0), neck, jumped(angle_rad), ticks)
     smooth, commands, _ = run(LookAhead(neck, 0.1), neck, jumped(angle_rad), ticks)
-    aim_rad = look_at(neck.geometry, jumped(angle_rad)(0.0)[0]).angles_rad[0]
+    aim_rad = look_at_rad(neck.geometry, jumped(angle_rad)(0.0)[0])[0]
     far = np.degrees(aim_rad - meant[:, 0]) > 5.0
     assert 10 < far.sum() < ticks - 10
     assert commands[far, 0] == pytest.approx(meant[far, 0], abs=1e-12)

@@ -12,7 +12,7 @@ from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.ahead import settled_joints
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 
 
@@ -47,7 +47,7 @@ def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
 
 
 def test_with_the_true_future_the_gaze_is_on_the_person():
-    _, _, errors = run(Mpc(NECK), NECK, crossing, 400, start_rad=look_at(NECK.geometry, crossing(0.0)).angles_rad)
+    _, _, errors = run(Mpc(NECK), NECK, crossing, 400, start_rad=look_at_rad(NECK.geometry, crossing(0.0)))
     assert errors[300:].max() < 0.028  # 0.024 as measured
 
 
@@ -66,7 +66,7 @@ def test_fractional_and_different_dead_times(dead_times):
         position[..., 2] += 0.3 * np.sin(2.0 * np.asarray(times))
         return position
 
-    start = look_at(neck.geometry, path(0.0)).angles_rad
+    start = look_at_rad(neck.geometry, path(0.0))
     _, _, errors = run(Mpc(neck), neck, path, 400, start_rad=start)
     assert errors[300:].max() < 0.035  # at most 0.030 as measured
 
@@ -130,9 +130,9 @@ def test_acquisition_of_a_walker_hardly_overshoots(name, side, towards):
         y = side * ((2.5 if towards else 1.2) + speed_m_s * times)
         return np.stack([np.full_like(y, 2.5), y, np.full_like(y, 0.2)], axis=-1)
 
-    beside = look_at(neck.geometry, path(0.0)).angles_rad - [side * np.radians(60.0), 0.0]
+    beside = look_at_rad(neck.geometry, path(0.0)) - [side * np.radians(60.0), 0.0]
     joints, _, errors = run(Mpc(neck), neck, path, 700, start_rad=beside)
-    aims = look_at(neck.geometry, path(neck.servo_period_s * np.arange(700))).angles_rad[:, 0]
+    aims = look_at_rad(neck.geometry, path(neck.servo_period_s * np.arange(700)))[:, 0]
     assert np.degrees(np.max(side * (joints[:, 0] - aims))) < 1.0
     assert errors[600:].max() < 0.1
 

@@ -13,7 +13,7 @@ from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError, PlacementError
 from gazempc.neck.ahead import settled_joints
-from gazempc.neck.kinematics import gaze_ray, look_at
+from gazempc.neck.kinematics import gaze_ray, look_at_rad
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
@@ -50,7 +50,7 @@ def worth(neck, targets):
 
     The target's distance from the joint's axis, across the ray, over its distance from the eye.
     """
-    angles = look_at(neck.geometry, targets).angles_rad
+    angles = look_at_rad(neck.geometry, targets)
     eye, ray = gaze_ray(neck.geometry, angles)
     pan = angles[..., 0]
     forward = np.stack([np.cos(pan), np.sin(pan), np.zeros_like(pan)], axis=-1)
@@ -147,7 +147,7 @@ def oracle(name, lengths):
 
     def solve(states, offset_rad, times_s, dampings, targets, not_past_rad):
         # How fast each joint must turn to stay on the target.
-        rates = np.gradient(look_at(neck.geometry, targets).angles_rad, ends_s, axis=0)
+        rates = np.gradient(look_at_rad(neck.geometry, targets), ends_s, axis=0)
         values = (np.transpose(states), offset_rad, times_s, dampings, targets.T, worth(neck, targets).T, rates.T)
         p = ca.veccat(*map(ca.DM, (*values, *np.transpose(not_past_rad, (1, 2, 0)))))
         counts = [steps, steps, n, n, n] * 2
@@ -255,7 +255,7 @@ def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(
     def path(t):
         return np.stack([np.full_like(t, 1.5), 0.9 - speed_m_s * t, 0.35 + 0.02 * np.sin(11 * t)], axis=-1)
 
-    start = look_at(neck.geometry, path(neck.dead_time_s[:1])).angles_rad[0] + [np.radians(start_deg), 0.0]
+    start = look_at_rad(neck.geometry, path(neck.dead_time_s[:1]))[0] + [np.radians(start_deg), 0.0]
     offset_rad = np.array([0.005, -0.02])
     situation = Situation(
         settled_joints(neck, 0),

@@ -6,7 +6,7 @@ import pytest
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState
@@ -28,7 +28,7 @@ def standing(times_s):
 
 def start(neck, path=crossing):
     angles = neck.rest_rad.copy()
-    angles[:2] = look_at(neck.geometry, path(0.0)).angles_rad
+    angles[:2] = look_at_rad(neck.geometry, path(0.0))
     return angles
 
 

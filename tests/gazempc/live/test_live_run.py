@@ -12,7 +12,7 @@ from builders.replays import replayed
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.recorder import LoopRecorder
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
 
@@ -36,7 +36,7 @@ def test_on_a_simulated_clock_a_live_run_is_the_replay():
         walk=placed,
         controller=make_controller("mpc", NECK, run_settings, {}),
         predictor=make_predictor("walker", run_settings, Person(), {}),
-        start_rad=look_at(NECK.geometry, first_m).angles_rad,
+        start_rad=look_at_rad(NECK.geometry, first_m),
         duration_s=None,
     )
     n = wanted.time_s.size

@@ -21,7 +21,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.session import main, parse
 from gazempc.live.setup import build
-from gazempc.neck.kinematics import look_at
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.robots.mujoco import MujocoNeck
@@ -37,7 +37,7 @@ COARSE = PTZ.model_copy(update={"pan": PTZ.pan.model_copy(update={"speed_steps":
 def run_speeds(neck, robot_class=SimulatedNeck, on_poll=None, on_send=None, keep=None, log_s=300.0):
     """A run of 6 s on a simulated clock: its logs and its robot."""
     clock, logs = SimulatedClock(), []
-    start_rad = look_at(neck.geometry, WALK.truth.head_position_m[0]).angles_rad
+    start_rad = look_at_rad(neck.geometry, WALK.truth.head_position_m[0])
     if robot_class is MujocoNeck:
         inner = MujocoNeck(neck, clock.now_s, start_rad)
     else:

@@ -8,7 +8,6 @@ import pytest
 from gazempc.controllers.chain import EyeAim
 from gazempc.errors import SettingsError
 from gazempc.neck.human import eye_velocity_rad_s, head_velocity_rad_s, motor_scale, with_motion
-from gazempc.neck.narrow import narrowed
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import load_neck
 
@@ -17,14 +16,8 @@ NECKS = [load_neck(name) for name in ("reference_eyes", "furhat", "icub")]
 
 def strong(axis):
     """A motor that bears everything, behind a quick servo."""
-    return axis.model_copy(
-        update={
-            "velocity_max_rad_s": 50.0,
-            "acceleration_max_rad_s2": 5000.0,
-            "jerk_max_rad_s3": 1e7,
-            "natural_frequency_rad_s": 250.0,
-        }
-    )
+    limits = {"velocity_max_rad_s": 50.0, "acceleration_max_rad_s2": 5000.0, "jerk_max_rad_s3": 1e7}
+    return axis.model_copy(update=limits | {"natural_frequency_rad_s": 250.0})
 
 
 def peak_rad_s(axis, amplitude_rad):
@@ -69,13 +62,6 @@ def test_no_limit_is_raised_and_a_second_time_changes_nothing(neck):
     )
     assert with_motion(neck, "robot") is neck
     assert 0.2 < motor_scale(neck.pan) < 1.0
-
-
-def test_a_narrowed_neck_keeps_its_shares():
-    human = with_motion(NECKS[0], "human")
-    slow = narrowed(human, None, 0.5)
-    assert slow.eyes.head_share_down == human.eyes.head_share_down == 0.08
-    assert slow.velocity_max_rad_s.max() == 0.5
 
 
 def test_a_neck_without_eyes_is_refused():

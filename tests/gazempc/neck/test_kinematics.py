@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gazempc.neck.kinematics import angle_deviations_rad, eye_angles_rad, gaze_error_rad, gaze_ray, look_at, unwrap_pan
+from gazempc.neck.kinematics import (
+    angle_deviations_rad,
+    eye_angles_rad,
+    gaze_error_rad,
+    gaze_ray,
+    look_at_rad,
+    unwrap_pan,
+)
 from gazempc.neck.spec import Geometry
 
 Array = NDArray[np.float64]
@@ -39,17 +46,6 @@ def error_by_chain(geometry: Geometry, angles: Array, target: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(gaze, to_target)), gaze @ to_target))
 
 
-# ---------------------------------------------------------------- gaze ray
-
-
-@given(geometry=geometries, angles=angle_pairs)
-def test_gaze_ray_is_the_chain_of_rotations(geometry: Geometry, angles: tuple[float, float]) -> None:
-    eye, gaze = gaze_ray(geometry, angles)
-    expected_eye, expected_gaze = chain(geometry, *angles)
-    np.testing.assert_allclose(eye, expected_eye, atol=1e-14)
-    np.testing.assert_allclose(gaze, expected_gaze, atol=1e-14)
-
-
 # ---------------------------------------------------------------- eyes and body
 
 
@@ -57,7 +53,7 @@ def turned(pan_rad: float, tilt_rad: float) -> Rotation:
     return Rotation.from_euler("ZY", [pan_rad, -tilt_rad])
 
 
-@pytest.mark.parametrize("joints", [3, 4, 5])
+@pytest.mark.parametrize("joints", [2, 3, 4, 5])
 def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints: int) -> None:
     for angles in np.random.default_rng(3).uniform(-0.6, 0.6, (20, joints)):
         pan, tilt = angles[0] + (angles[-1] if joints in (3, 5) else 0.0), angles[1]
@@ -83,7 +79,7 @@ def test_the_eyes_angles_look_at_the_target() -> None:
 @given(
     geometry=geometries,
     direction=st.tuples(*[st.floats(-1, 1)] * 3),
-    distance=st.floats(0.3, 10.0),
+    distance=st.floats(0.6, 10.0),  # farther than any part of the neck reaches
 )
 def test_look_at_looks_at_the_target(
     geometry: Geometry, direction: tuple[float, float, float], distance: float
@@ -94,11 +90,7 @@ def test_look_at_looks_at_the_target(
     ground = float(np.hypot(target[0], target[1]))
     # Nearer than this to the cylinder that the gaze can just touch, angles are ill-conditioned.
     assume(ground > lateral + 0.02)
-    solution = look_at(geometry, target)
-    if ground > 0.5:  # farther than any part of the neck reaches
-        assert solution.reachable
-    if solution.reachable:
-        assert error_by_chain(geometry, solution.angles_rad, target) < 1e-9
+    assert error_by_chain(geometry, look_at_rad(geometry, target), target) < 1e-9
 
 
 @pytest.mark.parametrize("z", [0.5, 3.0, -3.0])
@@ -106,57 +98,18 @@ def test_look_at_looks_at_the_target(
     "geometry", [POINT, Geometry(tilt_axis_in_pan_m=(0.07, 0.0, 0.05), eye_in_tilt_m=(0.02, 0.0, 0.06))]
 )
 def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry: Geometry, z: float) -> None:
-    angles = look_at(geometry, [0.0, 0.0, z]).angles_rad
+    angles = look_at_rad(geometry, [0.0, 0.0, z])
     assert np.all(np.isfinite(angles))
     assert error_by_chain(geometry, angles, np.array([0.0, 0.0, z])) < 1e-9
 
 
-@given(geometry=geometries, target=metres(0.3))
-def test_targets_at_the_neck_are_looked_at_or_flagged(geometry: Geometry, target: tuple[float, float, float]) -> None:
-    """Near the edge of what can be seen the angles are ill-conditioned, hence the tolerance."""
-    solution = look_at(geometry, target)
-    assert np.all(np.isfinite(solution.angles_rad))
-    eye, _ = chain(geometry, *solution.angles_rad)
-    assume(np.linalg.norm(np.array(target) - eye) > 1e-3)
-    if solution.reachable:
-        assert error_by_chain(geometry, solution.angles_rad, np.array(target)) < 1e-4
-
-
-def test_a_target_that_is_seen_from_no_angles_is_flagged() -> None:
-    """By search over all pans and tilts."""
-    rng = np.random.default_rng(2)
-    pan, tilt = np.meshgrid(np.linspace(-np.pi, np.pi, 181), np.linspace(-np.pi, np.pi, 181))
-    grid = np.stack([pan, tilt], axis=-1)
-    flagged = 0
-    for _ in range(60):
-        tilt_axis, eye = rng.uniform(-0.1, 0.1, (2, 3))
-        geometry = Geometry(tilt_axis_in_pan_m=tuple(tilt_axis), eye_in_tilt_m=tuple(np.abs(eye)))
-        target = rng.uniform(-0.1, 0.1, 3)
-        eyes, gazes = gaze_ray(geometry, grid)
-        along = np.maximum(np.sum(gazes * (target - eyes), axis=-1), 0.0)
-        nearest_m = float(np.min(np.linalg.norm(eyes + along[..., None] * gazes - target, axis=-1)))
-        if nearest_m > 0.02:  # by more than the grid can miss
-            assert not look_at(geometry, target).reachable
-            flagged += 1
-    assert flagged > 10
-
-
 @pytest.mark.parametrize("shape", [(), (2, 4), (0,)])
 def test_shapes_broadcast(shape: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(1)
-    targets = np.array([2.0, 0.0, 0.5]) + rng.uniform(-1, 1, (*shape, 3))
-    solution = look_at(OFFSET, targets)
-    assert solution.angles_rad.shape == (*shape, 2)
-    assert solution.reachable.shape == shape
-    assert np.all(solution.reachable)
-    eye, gaze = gaze_ray(OFFSET, solution.angles_rad)
-    assert eye.shape == gaze.shape == (*shape, 3)
-    errors = gaze_error_rad(OFFSET, solution.angles_rad, targets)
-    assert errors.shape == shape
+    targets = np.array([2.0, 0.0, 0.5]) + np.random.default_rng(1).uniform(-1, 1, (*shape, 3))
+    angles_rad = look_at_rad(OFFSET, targets)
+    assert gaze_error_rad(OFFSET, angles_rad, targets).shape == shape
     for index in np.ndindex(shape):
-        one = look_at(OFFSET, targets[index])
-        np.testing.assert_array_equal(one.angles_rad, solution.angles_rad[index])
-        assert error_by_chain(OFFSET, one.angles_rad, targets[index]) < 1e-9
+        assert error_by_chain(OFFSET, angles_rad[index], targets[index]) < 1e-9
 
 
 # ---------------------------------------------------------------- unwrapping
@@ -166,7 +119,7 @@ def test_shapes_broadcast(shape: tuple[int, ...]) -> None:
 def test_pan_is_continuous_round_the_robot(turns: float) -> None:
     angle = 2.0 + np.linspace(0.0, 2 * np.pi * turns, 200)
     targets = np.stack([3 * np.cos(angle), 3 * np.sin(angle), 0.3 * np.sin(3 * angle)], axis=-1)
-    wrapped = look_at(POINT, targets).angles_rad
+    wrapped = look_at_rad(POINT, targets)
     assert np.max(np.abs(np.diff(wrapped[:, 0]))) > 6.0
     continuous = unwrap_pan(wrapped, 2.0, -np.inf, np.inf)
     np.testing.assert_allclose(continuous[:, 0], angle, atol=1e-12)
@@ -189,18 +142,6 @@ def test_small_gaze_errors_are_exact(angle: float) -> None:
     target = 3.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
     assert gaze_error_rad(POINT, [0.0, 0.0], target) == pytest.approx(angle, rel=1e-6)
     assert gaze_error_rad(POINT, [0.0, angle], [3.0, 0.0, 0.0]) == pytest.approx(angle, rel=1e-6)
-
-
-@given(geometry=geometries, angles=angle_pairs, target=metres(5.0))
-def test_large_gaze_errors_are_the_arc_cosine(
-    geometry: Geometry, angles: tuple[float, float], target: tuple[float, float, float]
-) -> None:
-    eye, gaze = chain(geometry, *angles)
-    to_target = np.array(target) - eye
-    assume(np.linalg.norm(to_target) > 0.01)
-    cosine = gaze @ to_target / np.linalg.norm(to_target)
-    assume(abs(cosine) < 0.999)
-    assert gaze_error_rad(geometry, angles, target) == pytest.approx(np.arccos(cosine), abs=1e-10)
 
 
 def test_a_neck_is_sent_the_way_it_can_go():
@@ -228,7 +169,7 @@ def test_direction_deviations_are_those_of_the_derivative_of_look_at(target: lis
     """Propagated with a Jacobian by central differences, neck without offsets."""
     step_m = 1e-6
     moves = np.concatenate([np.eye(3), -np.eye(3)]) * step_m
-    angles = look_at(POINT, np.array(target) + moves).angles_rad
+    angles = look_at_rad(POINT, np.array(target) + moves)
     jacobian = (angles[:3] - angles[3:]).T / (2.0 * step_m)
     rng = np.random.default_rng(4)
     for _ in range(20):
@@ -239,11 +180,5 @@ def test_direction_deviations_are_those_of_the_derivative_of_look_at(target: lis
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_direction_deviations_of_what_is_not_finite_are_nan(value: float) -> None:
-    target, covariance = np.array([2.0, 0.3, 0.1]), 0.01 * np.eye(3)
-    for k in range(3):
-        wrong = target.copy()
-        wrong[k] = value
-        assert np.all(np.isnan(angle_deviations_rad(wrong, covariance)))
-        wrong = covariance.copy()
-        wrong[k, k] = value
-        assert np.all(np.isnan(angle_deviations_rad(target, wrong)))
+    for target, covariance in (([2.0, value, 0.1], np.eye(3)), ([2.0, 0.3, 0.1], np.diag([1.0, value, 1.0]))):
+        assert np.all(np.isnan(angle_deviations_rad(np.array(target), covariance)))

@@ -13,7 +13,6 @@ from builders.recordings import synthetic
 from builders.replays import QUICK, cut, replayed
 from matplotlib import colors
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from PIL import Image, ImageSequence
 from scipy.spatial.transform import Rotation
 
@@ -31,7 +30,7 @@ from gazempc.results.figures.animation import (
 from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.known import known_title, parts, running_contact, shown_head
 from gazempc.results.figures.overview import attended, draw_contact_bars, draw_gaze_error, overview
-from gazempc.results.figures.people import are_alike, draw_turns, person_colour
+from gazempc.results.figures.people import person_colour
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.results.page.run_page import run_page
@@ -172,26 +171,6 @@ def attention():
     heads_m[made.time_s >= 4.0, 1] = 1.0
     heads_m[made.time_s >= 8.0] = np.nan
     return replace(made, head_true_base_m=heads_m)
-
-
-def test_each_turn_is_a_bar_in_the_colour_of_its_person_with_the_reason(attention):
-    ax = Figure().subplots()
-    draw_turns(ax, attention, 0.0, 1.0, letters=200)
-    bars = [patch for patch in ax.patches if isinstance(patch, Rectangle)]
-    spans = [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in bars]
-    assert spans == [pytest.approx(span) for span in ((0.5, 4.0), (4.0, 8.0), (8.0, 10.0), (5.0, 6.5))]
-    assert [colors.to_hex(bar.get_facecolor()) for bar in bars[:3]] == [
-        colors.to_hex(person_colour(number)) for number in (1, 2, 0)
-    ]
-    assert bars[3].get_hatch()
-    said = [text.get_text() for text in ax.texts]
-    assert said == ["person 1: chosen", "person 2: the one before left", "no person", "thinking"]
-
-
-def test_runs_with_the_same_turns_are_alike(attention):
-    other = replace(attention, attended_time_s=attention.attended_time_s + np.array([0.0, 0.1, 0.0]))
-    assert are_alike({"a": attention, "b": replace(attention, attended_time_s=attention.attended_time_s + 1e-6)})
-    assert not are_alike({"a": attention, "b": other})
 
 
 def test_the_time_lines_have_the_colours_of_the_people_and_the_share_is_the_metric(attention, tmp_path):

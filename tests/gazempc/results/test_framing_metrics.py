@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from builders.attention import of_motion
 from builders.recordings import synthetic
 from builders.replays import QUICK, replayed
 
@@ -24,18 +25,8 @@ def log_of(replay_log, pan_deg, framing, capture_time_s=None):
     time_s = np.arange(TICKS) * NECK.servo_period_s
     joints = np.radians(np.stack([pan_deg(time_s), np.zeros(TICKS)], axis=-1))
     settings = {"framing": framing.model_dump(mode="json")}
-    log = dataclasses.replace(
-        replay_log,
-        run=replay_log.run.model_copy(update={"settings": settings}),
-        time_s=time_s,
-        joint_time_s=time_s,
-        joint_position_rad=joints,
-        joint_velocity_rad_s=np.zeros_like(joints),
-        command_position_rad=joints,
-        command_velocity_rad_s=np.zeros_like(joints),
-        command_acceleration_rad_s2=np.zeros_like(joints),
-        head_true_base_m=np.tile([2.5, 0.0, 0.0], (TICKS, 1)),
-    )
+    run = replay_log.run.model_copy(update={"settings": settings})
+    log = of_motion(replay_log, time_s, joints, np.tile([2.5, 0.0, 0.0], (TICKS, 1)), run=run)
     if capture_time_s is None:
         return log
     fields = ("head_observed_base_m", "person_id", "forecast_mean_base_m", "forecast_covariance_m2")

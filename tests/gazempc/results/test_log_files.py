@@ -80,11 +80,8 @@ def test_every_number_is_that_of_the_tables(log, path, topic):
             assert [m[name] for _, m in found] == expected.tolist()
         else:
             np.testing.assert_array_equal(column(path, f"/{topic}", name), expected, err_msg=name)
-    times_s = {
-        "ticks": log.time_s,
-        "observations": log.arrival_time_s,
-        "forecasts": np.repeat(log.arrival_time_s, 3),
-    }
+    seen_s = log.arrival_time_s
+    times_s = {"ticks": log.time_s, "observations": seen_s, "forecasts": np.repeat(seen_s, 3)}
     assert [at for at, _ in found] == nanoseconds(times_s[topic])
 
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builders.attention import attention_log
+from builders.attention import attention_log, of_motion
 
 from gazempc.neck.spec import load_neck
 from gazempc.results.metrics import measure
@@ -32,19 +32,8 @@ def swing_rad(time_s):
 
 def moved(log, neck, joints_rad, read_s, time_s=EVEN_S, kind="live"):
     """A log of a motion: `joints_rad` (M, N) read at `read_s`."""
-    nothing = np.zeros_like(joints_rad)
-    return dataclasses.replace(
-        log,
-        run=log.run.model_copy(update={"neck": neck, "kind": kind, "mode": "live", "joints": "measured"}),
-        time_s=time_s,
-        head_true_base_m=np.full((time_s.size, 3), np.nan),
-        joint_time_s=read_s,
-        joint_position_rad=joints_rad,
-        joint_velocity_rad_s=nothing,
-        command_position_rad=nothing,
-        command_velocity_rad_s=nothing,
-        command_acceleration_rad_s2=nothing,
-    )
+    run = log.run.model_copy(update={"neck": neck, "kind": kind, "mode": "live", "joints": "measured"})
+    return of_motion(log, time_s, joints_rad, np.full((time_s.size, 3), np.nan), run=run, joint_time_s=read_s)
 
 
 def pan_swings(log, time_s, read_s):

@@ -23,23 +23,12 @@ def metrics(**known):
 def repeats(errors_deg=ERRORS_DEG, **more):
     compute = ComputeMetrics(0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0)
     seeds = tuple(range(4, 4 + len(errors_deg["reactive"])))
-    rounds = [
-        make_rows(
-            [
-                (
-                    name,
-                    "walker",
-                    metrics(
-                        gaze_error_rms_deg=values[k],
-                        **{n: (v[name] if isinstance(v, dict) else v)[k] for n, v in more.items()},
-                    ),
-                    compute,
-                )
-                for name, values in errors_deg.items()
-            ]
-        )
-        for k in range(len(seeds))
-    ]
+
+    def row(name, k):
+        others = {n: (v[name] if isinstance(v, dict) else v)[k] for n, v in more.items()}
+        return name, "walker", metrics(gaze_error_rms_deg=errors_deg[name][k], **others), compute
+
+    rounds = [make_rows([row(name, k) for name in errors_deg]) for k in range(len(seeds))]
     return by_controller(seeds, rounds)
 
 

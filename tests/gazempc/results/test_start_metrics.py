@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from builders.attention import attention_log
+from builders.attention import attention_log, of_motion
 from builders.replays import run_info
 
 from gazempc.results.log import Log
@@ -24,19 +24,7 @@ def gazing(template, off_deg, x_m=2.5, y_m=0.0):
     time_s = TICK_S * np.arange(count)
     head_m = np.column_stack([np.full(count, 1.0) * x_m, np.full(count, 1.0) * y_m, np.zeros(count)])
     pan_rad = np.arctan2(head_m[:, 1], head_m[:, 0]) + np.deg2rad(off_deg)
-    zeros = np.zeros((count, 2))
-    return dataclasses.replace(
-        template,
-        run=run_info(),
-        time_s=time_s,
-        joint_time_s=time_s,
-        head_true_base_m=head_m,
-        joint_position_rad=np.column_stack([pan_rad, np.zeros(count)]),
-        joint_velocity_rad_s=zeros,
-        command_position_rad=zeros,
-        command_velocity_rad_s=zeros,
-        command_acceleration_rad_s2=zeros,
-    )
+    return of_motion(template, time_s, np.column_stack([pan_rad, np.zeros(count)]), head_m, run=run_info())
 
 
 def starter(seconds=8.0):

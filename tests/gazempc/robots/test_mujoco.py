@@ -1,7 +1,6 @@
 """The MuJoCo neck against closed-form answers, and against our own simulation of the same neck."""
 
 import json
-import sys
 from pathlib import Path
 
 import mujoco
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError
+from gazempc.errors import RobotError
 from gazempc.identify.identify import main as identify
 from gazempc.live.session import main as live
 from gazempc.neck.kinematics import gaze_ray
@@ -186,12 +185,6 @@ def test_between_steps_the_state_is_that_of_the_last_step_and_says_so():
             robot.read_state()
     clock.time_s = 5.4
     assert robot.read_state().time_s == 5.4
-
-
-def test_without_mujoco_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingOptionalDependencyError, match="pip install mujoco"):
-        MujocoNeck(NECK, Clock()).connect()
 
 
 @pytest.mark.parametrize(

@@ -24,12 +24,8 @@ from gazempc.robots.reachy_mini import ReachyMiniNeck
 from gazempc.robots.reachy_mini_pose import clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
-WIDE = NECK.with_axes(
-    {
-        name: axis.model_copy(update={"position_min_deg": -170, "position_max_deg": 170})
-        for name, axis in zip(("pan", "tilt"), NECK.axes, strict=True)
-    }
-)
+RANGE = {"position_min_deg": -170, "position_max_deg": 170}
+WIDE = NECK.with_axes({"pan": NECK.pan.model_copy(update=RANGE), "tilt": NECK.tilt.model_copy(update=RANGE)})
 SIDEWAYS = NECK.with_axes({"pan": NECK.pan.model_copy(update={"position_min_deg": 10.0})})
 AT_ONCE = {"approach_speed_rad_s": 1e9}
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)).map(np.array)
@@ -160,14 +156,6 @@ def test_commands_are_clamped_to_the_neck_and_to_the_head(server, make, neck, as
     head = np.array(server.commands()[-1]["head"]).reshape(4, 4)
     expected = Rotation.from_euler("ZYX", [sent_deg[0], -sent_deg[1], 0], degrees=True).as_matrix()
     np.testing.assert_allclose(head[:3, :3], expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("command", [[np.nan, 0], [0.0, 0.0, 0.0]])
-def test_a_command_that_is_not_two_finite_angles_is_refused(server, make, command):
-    neck = make()
-    with pytest.raises(RobotError, match="refused"):
-        neck.send_command(np.array(command))
-    assert server.commands() == []
 
 
 def test_the_first_commands_approach_from_where_the_head_is(server, make):

@@ -102,7 +102,7 @@ def test_speeds_between_two_steps_are_dithered_to_their_mean() -> None:
         accepted, begin_s = [], time.monotonic()
 
         times = []
-        while time.monotonic() - begin_s < 2.0:
+        while time.monotonic() - begin_s < 1.0:
             accepted.append(robot.send_command(np.array([0.15, 0.0]))[0])
             times.append(time.monotonic())
             time.sleep(0.02)
@@ -183,7 +183,8 @@ def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
             feed(robot, (0.5, 0.0), lambda: False)
         before = len(server.driven)
         # Rebooted in the move: it counts packets anew.
-        server.reboot()
+        server._sequence = 0
+        plant.send_command(np.zeros(2))
         server.silent = False
         wait_until(lambda: len(server.driven) > before)
         assert server.driven[before][1:] == (0, 0)

@@ -42,17 +42,6 @@ def test_frames_that_are_not_used_are_integrated_out():
     assert likelihood(one_stretch(used), model())[0].item() == pytest.approx(normal.logpdf(VALUES[rest]), rel=1e-9)
 
 
-def test_trials_axes_and_stretches_are_apart():
-    one = one_stretch()
-    many = Stretches(
-        np.tile(one.intervals_s, (1, 2)), np.tile(one.values, (1, 3, 2)), np.tile(one.used, (1, 2)), np.full(2, SCALE_M)
-    )
-    log, _ = likelihood(many, np.concatenate([np.tile(model(white), 3) for white in (0.02, 0.03)]))
-    assert log.shape == (2, 3, 2)
-    for k, white in enumerate((0.02, 0.03)):
-        assert log[k] == pytest.approx(likelihood(one, model(white))[0].item())
-
-
 def test_gate_leaves_a_spike_out():
     values = VALUES.copy()
     values[3] += 5.0

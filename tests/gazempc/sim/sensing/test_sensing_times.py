@@ -6,7 +6,7 @@ from builders.recordings import synthetic
 from builders.replays import replayed
 from builders.sensing import seen, sensor, standing
 
-from gazempc.neck.kinematics import gaze_ray, look_at, seen_from_head
+from gazempc.neck.kinematics import gaze_ray, look_at_rad, seen_from_head
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
@@ -115,7 +115,7 @@ def observed(on, width_deg, start_offset_deg=0.0):
 
 def test_what_the_neck_looks_at_is_straight_ahead():
     target_m = np.array([1.5, -0.8, 0.6])
-    angles_rad = look_at(GEOMETRY, target_m).angles_rad
+    angles_rad = look_at_rad(GEOMETRY, target_m)
     distance_m = np.linalg.norm(target_m - gaze_ray(GEOMETRY, angles_rad)[0])
     assert seen_from_head(GEOMETRY, angles_rad, target_m) == pytest.approx([distance_m, 0.0, 0.0], abs=1e-12)
 
@@ -129,7 +129,7 @@ def test_a_view_that_turns_keeps_who_leaves_a_fixed_one():
 def test_who_is_out_of_the_turned_view_at_the_start_is_seen_once_they_walk_into_it():
     """The neck holds still until then, so the view is where it was at the start."""
     walk, neck = synthetic("subject03_R4"), load_neck("reference")
-    bearing_rad = look_at(neck.geometry, walk.truth.head_position_m).angles_rad[:, 0]
+    bearing_rad = look_at_rad(neck.geometry, walk.truth.head_position_m)[:, 0]
     start_rad = min(bearing_rad[0] + np.radians(45.0), neck.position_max_rad[0])
     inside = np.abs(bearing_rad - start_rad) <= np.radians(30.0)
     first_s = walk.times_s[np.argmax(inside)]
