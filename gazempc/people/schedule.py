@@ -111,8 +111,7 @@ class LookAways:
             now_s: The time, seconds.
         """
         self._mode = mode
-        begun_by_s = now_s + self._lead_s
-        self._planned = self._begun(begun_by_s)
+        self._planned = self._begun(now_s + self._lead_s)
         self._rhythm_from_s = max([now_s, *(each.end_s for each in self._planned)])
 
     def begin_anew(self, now_s: float) -> None:

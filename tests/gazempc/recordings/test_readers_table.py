@@ -126,15 +126,13 @@ def _swap_y_and_z(rows: Rows) -> None:
         row[2], row[3], row[9], row[10] = row[3], row[2], row[10], row[9]
 
 
-def _drop_column(rows: Rows) -> None:
-    for row in rows:
-        del row[4]
-
-
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (_drop_column, ["header", "missing column(s) head_qw", "the columns t, head_x", "all of its columns or none"]),
+        (
+            lambda rows: [row.pop(4) for row in rows],
+            ["header", "missing column(s) head_qw", "the columns t, head_x", "all of its columns or none"],
+        ),
         (_set(1, "head_x", "t"), ["header", "missing column(s) head_x"]),
         (lambda rows: [row.append(row[3]) for row in rows], ["more than one column head_z", "once"]),
         (_set(17, "head_y", "left"), ["row 17", "head_y", "'left' is not a number", "a number"]),
