@@ -64,11 +64,6 @@ class GazeShift:
     lasts_s: float
     leaves_after_s: float
 
-    @property
-    def beyond_contact_s(self) -> float:
-        """The part of it without contact, seconds."""
-        return self.lasts_s - self.leaves_after_s
-
 
 def shift_of(neck: NeckSpec, aside_rad: float, up_rad: float) -> GazeShift:
     """How a neck can look away: along a minimum-jerk motion that its limits allow.
@@ -111,7 +106,7 @@ def fitted(aversion: Aversion, neck: NeckSpec) -> Aversion | None:
     while angle_rad >= _SMALLEST_RAD:
         scale = angle_rad / aversion.angle_rad
         shift = shift_of(neck, scale * aversion.aside_rad, scale * aversion.up_rad)
-        if aversion.end_s - aversion.start_s >= 2.0 * shift.beyond_contact_s:
+        if aversion.end_s - aversion.start_s >= 2.0 * (shift.lasts_s - shift.leaves_after_s):
             return replace(aversion, aside_rad=scale * aversion.aside_rad, up_rad=scale * aversion.up_rad)
         if aversion.target_base_m is not None:
             return None

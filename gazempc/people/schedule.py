@@ -111,8 +111,7 @@ class LookAways:
             now_s: The time, seconds.
         """
         self._mode = mode
-        begun_by_s = now_s + self._lead_s
-        self._planned = [each for each in self._planned if self._begins_s(each) <= begun_by_s or _is_requested(each)]
+        self._planned = self._begun(now_s + self._lead_s)
         self._rhythm_from_s = max([now_s, *(each.end_s for each in self._planned)])
 
     def begin_anew(self, now_s: float) -> None:
@@ -210,7 +209,7 @@ class LookAways:
         if aversion.start_s < earliest_s:
             moved_s = aversion.end_s if aversion.why == "speech" else aversion.end_s + earliest_s - aversion.start_s
             aversion = replace(aversion, start_s=earliest_s, end_s=moved_s)
-        begun = [each for each in self._planned if self._begins_s(each) <= begun_by_s or _is_requested(each)]
+        begun = self._begun(begun_by_s)
         possible = fitted(aversion, self._neck)
         clashes = possible is not None and any(
             each.start_s - _CONTACT_S < possible.end_s and possible.start_s < each.end_s + _CONTACT_S for each in begun
@@ -226,6 +225,6 @@ class LookAways:
         shift = self._shift(aversion.aside_rad, aversion.up_rad)
         return aversion.start_s - shift.leaves_after_s
 
-
-def _is_requested(aversion: Aversion) -> bool:
-    return aversion.why not in RHYTHMS
+    def _begun(self, by_s: float) -> list[Aversion]:
+        """Planned looks away that have begun by then, or were requested."""
+        return [each for each in self._planned if self._begins_s(each) <= by_s or each.why not in RHYTHMS]

@@ -45,13 +45,14 @@ class FrozenTracker:
 
     Attributes:
         frozen: Whether it does so at present.
+        newest_s: Capture time of the newest sighting, seconds.
     """
 
     def __init__(self) -> None:
         self.frozen = False
         self._walked = False
         self._position: list[float] | None = None
-        self._since_s = self._newest_s = -math.inf
+        self._since_s = self.newest_s = -math.inf
         self._path: deque[tuple[float, FloatArray]] = deque()
 
     def see(self, sighting: Sighting) -> bool:
@@ -65,17 +66,17 @@ class FrozenTracker:
         """
         observation = sighting.observation
         time_s = observation.capture_time_s
-        if time_s <= self._newest_s:
+        if time_s <= self.newest_s:
             return False  # the predictor refuses observations out of order
         position = _position_of(sighting)
         if position == self._position:
-            self._newest_s = time_s
+            self.newest_s = time_s
             self.frozen = self.frozen or (self._walked and time_s - self._since_s > _FROZEN_AFTER_S)
             return self.frozen
-        if self.frozen or time_s - self._newest_s > _LONGEST_STEP_S:
+        if self.frozen or time_s - self.newest_s > _LONGEST_STEP_S:
             self._path.clear()
         self.frozen = False
-        self._position, self._since_s, self._newest_s = position, time_s, time_s
+        self._position, self._since_s, self.newest_s = position, time_s, time_s
         self._walked = self._speed_m_s(time_s, observation.head_position_base_m) > _WALKED_M_S
         return False
 
@@ -86,14 +87,6 @@ class FrozenTracker:
             sighting: The sighting.
         """
         return self.frozen and _position_of(sighting) == self._position
-
-    def is_over(self, time_s: float) -> bool:
-        """Whether the last sighting is too old to belong to the same standstill.
-
-        Args:
-            time_s: The time, seconds.
-        """
-        return time_s - self._newest_s > _LONGEST_STEP_S
 
     def _speed_m_s(self, time_s: float, head_base_m: FloatArray) -> float:
         """Mean speed over the last quarter of a second, or since the frame before where that is longer ago."""
@@ -129,7 +122,10 @@ class FrozenPeople:
             Whether the tracker counts as frozen from now on, and whether it was and has gone on.
         """
         time_s = sighting.observation.capture_time_s
-        self._trackers = {n: each for n, each in self._trackers.items() if n == number or not each.is_over(time_s)}
+        # A sighting older than that belongs to another standstill.
+        self._trackers = {
+            n: each for n, each in self._trackers.items() if n == number or time_s - each.newest_s <= _LONGEST_STEP_S
+        }
         tracker = self._trackers.setdefault(number, FrozenTracker())
         was_frozen = tracker.frozen
         frozen = tracker.see(sighting)
@@ -162,8 +158,8 @@ class OrientationJumps:
         yaws_rad = {name: yaw_rad(quat) for name, quat in seen.items() if quat is not None}
         jumped: list[str] = []
         if time_s - self._time_s <= _JUMP_WITHIN_S:
-            before_rad = self._yaws_rad
-            jumped = [name for name in yaws_rad if abs(_turn_rad(before_rad.get(name), yaws_rad[name])) > _JUMP_RAD]
+            both = yaws_rad.keys() & self._yaws_rad.keys()
+            jumped = [name for name in both if abs(wrap_rad(yaws_rad[name] - self._yaws_rad[name])) > _JUMP_RAD]
         self._time_s, self._yaws_rad = time_s, yaws_rad
         if not jumped:
             return observation, False
@@ -178,10 +174,6 @@ def _position_of(sighting: Sighting) -> list[float]:
     seen_m = sighting.head_position_sensor_m
     position_m: list[float] = (sighting.observation.head_position_base_m if seen_m is None else seen_m).tolist()
     return position_m
-
-
-def _turn_rad(from_rad: float | None, to_rad: float) -> float:
-    return 0.0 if from_rad is None else wrap_rad(to_rad - from_rad)
 
 
 # A velocity needs two frames. Over a network that delays frames by 40 to 250 ms, the first one to come is often the

@@ -133,9 +133,8 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
     if path.exists():
         return (load(path, given),)
     parts = str(words).split(MARK)
-    return tuple(recording for part in parts for recording in _one_or_more(part, given, len(parts)))
-
-
-def _one_or_more(part: str, options: ReadOptions, parts: int) -> tuple[Recording, ...]:
-    # A word that is not a path names one recording, and the message of what is wrong with it.
-    return load_together(part, options) if parts > 1 and Path(part).exists() else (load(part, options),)
+    if len(parts) == 1:
+        return (load(parts[0], given),)
+    # A part that is not a path is one recording's name.
+    every = (load_together(part, given) if Path(part).exists() else (load(part, given),) for part in parts)
+    return tuple(recording for found in every for recording in found)

@@ -1,9 +1,12 @@
 """Recordings that tests replay."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
+import pytest
 
+from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 
@@ -31,3 +34,11 @@ def to_and_fro(name, legs):
     n = placed.times_s.size
     order = np.concatenate([np.arange(n) if leg % 2 == 0 else np.arange(n)[::-1] for leg in range(legs)])
     return reordered(placed, order, f"{name} x {legs}")
+
+
+def assert_refused(name_or_path: str | Path, *named: str) -> None:
+    """Loading raises a `RecordingError` whose message has all these words."""
+    with pytest.raises(RecordingError) as caught:
+        load(name_or_path)
+    for words in named:
+        assert words in str(caught.value)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
@@ -43,22 +43,18 @@ _NOTE = "; the format has microseconds and millimetres; the option kinect_camera
 _Number = float | None  # the tool writes null for NaN
 
 
-class _KinectModel(BaseModel):
-    model_config = ConfigDict(strict=True)
-
-
-class _Body(_KinectModel):
+class _Body(BaseModel, strict=True):
     body_id: int
     joint_positions: list[tuple[_Number, _Number, _Number]]
     joint_orientations: list[tuple[_Number, _Number, _Number, _Number]]
 
 
-class _Frame(_KinectModel):
+class _Frame(BaseModel, strict=True):
     timestamp_usec: float = Field(ge=-(2.0**63), le=2.0**63)
     bodies: list[_Body]
 
 
-class _File(_KinectModel):
+class _File(BaseModel, strict=True):
     joint_names: list[str]
     frames: list[_Frame] = Field(min_length=1)
 
