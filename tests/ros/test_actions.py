@@ -142,12 +142,12 @@ def test_a_slow_goal_keeps_its_speed_and_attention_returns(stage):
     controller, gaze = stage.controller(), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())
-    at_start = len(stage.client().heard["/joint_states"])
-    assert at_start >= 0
     assert head.end(head.send(point_head([1.0, 1.0, 0.0], max_rad_s=0.4))) == OK
     stage.client().for_s(0.5)
     gaze.stop()
     controller.stop()
-    _, _, joints_rad, speeds_rad_s, _ = stage.rows()
-    assert abs(speeds_rad_s[:, 0]).max() <= 0.4
+    _, _, joints_rad, _, _ = stage.rows()
+    # Of the commands: a joint catches up with messages that a busy computer delivers together.
+    commanded_rad_s = abs(gz.load_log(stage.gaze_file).command_velocity_rad_s[:, 0]).max()
+    assert 0.3 < commanded_rad_s <= 0.4 * (1.0 + 1e-9)
     assert joints_rad[-1, 0] == pytest.approx(math.pi / 4, abs=0.035)

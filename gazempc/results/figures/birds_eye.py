@@ -145,9 +145,16 @@ def _label_times(ax: Axes, head: FloatArray, at: NDArray[np.intp], marks_s: Floa
         if all(np.linalg.norm(head[tick, :2] - head[other, :2]) >= gap_m for other in texts):
             texts[int(tick)] = f"{mark_s:.0f} s"
     for tick, text in texts.items():
-        outward = head[tick, :2] / max(float(np.linalg.norm(head[tick, :2])), 1e-9)
+        along = np.nan_to_num(head[min(tick + 10, last), :2] - head[max(tick - 10, first), :2])
+        outward = head[tick, :2]
+        normal = np.array([-along[1], along[0]])
+        if np.linalg.norm(normal) < 0.01:  # standing: no direction of travel
+            normal = outward
+        if normal @ outward < 0:
+            normal = -normal
+        normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
         # The horizontal axis is y and points to the left.
-        right, up = -outward[1], outward[0]
+        right, up = -normal[1], normal[0]
         ax.annotate(
             text,
             (head[tick, 1], head[tick, 0]),
