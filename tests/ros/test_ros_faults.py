@@ -148,10 +148,18 @@ def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
     controller, gaze = stage.controller("--position", "-1.0", "0.0"), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())
-    # Two seconds at this speed, which a client on a busy computer does not miss.
-    assert head.send(point_head([0.3, 1.5, 0.0], max_rad_s=1.2)).accepted
     states = head.client.heard["/joint_states"]
-    stage.client().wait(lambda: states and abs(states[-1].velocity[1]) > 1.0)
+
+    def moves():
+        return bool(states) and abs(states[-1].velocity[1]) > 1.0
+
+    # Two seconds at this speed; a client on a busy computer that misses them all the same sends the neck back.
+    for side_m in (1.5, -1.5, 1.5, -1.5):
+        assert head.send(point_head([0.3, side_m, 0.0], max_rad_s=1.2)).accepted
+        until_s = time.monotonic() + 8.0
+        stage.client().wait(lambda until_s=until_s: moves() or time.monotonic() > until_s)
+        if moves():
+            break
     killed_s = time.time()
     gaze.stop(how)
     stage.client().for_s(1.5)
@@ -162,10 +170,10 @@ def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
     assert abs(speeds_rad_s[after]).max() > 0.8  # it was moving
     assert abs(speeds_rad_s[-1]).max() < 0.02  # and stands
     assert abs(commands[-1, 1]).max() < 1e-9
-    # Of the joints over 20 ms: the controller's set-points have the jitter of the messages.
-    even_s = np.arange(times_s[0], times_s[-1], 0.02)
+    # Of the joints over 50 ms, as the controller's set-points have the jitter of the messages; a dead stop has 24 rad/s^2.
+    even_s = np.arange(times_s[0], times_s[-1], 0.05)
     speed = np.stack([np.interp(even_s, times_s, speeds_rad_s[:, k]) for k in range(2)], axis=1)
-    assert abs(np.diff(speed, axis=0) / 0.02).max() <= NECK.acceleration_max_rad_s2.max() * 1.1
+    assert abs(np.diff(speed, axis=0) / 0.05).max() <= NECK.acceleration_max_rad_s2.max() * 1.2
 
 
 def test_parameters_and_lifecycle(stage):
