@@ -170,7 +170,7 @@ def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
     assert abs(speeds_rad_s[after]).max() > 0.8  # it was moving
     assert abs(speeds_rad_s[-1]).max() < 0.02  # and stands
     assert abs(commands[-1, 1]).max() < 1e-9
-    # Of the joints over 50 ms, as the controller's set-points have the jitter of the messages; a dead stop has 24 rad/s^2.
+    # Of the joints over 50 ms: set-points have the jitter of the messages. A dead stop has 24 rad/s^2.
     even_s = np.arange(times_s[0], times_s[-1], 0.05)
     speed = np.stack([np.interp(even_s, times_s, speeds_rad_s[:, k]) for k in range(2)], axis=1)
     assert abs(np.diff(speed, axis=0) / 0.05).max() <= NECK.acceleration_max_rad_s2.max() * 1.2
