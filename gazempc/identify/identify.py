@@ -221,7 +221,7 @@ def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord,
     neck = load_neck(settings.neck or "reference")
     if neck.takes_speeds or not neck.reports_joints:
         accepted = 'command = "position" and reports_joints = true, or --source camera:URL'
-        raise SettingsError(f"neck {neck.name!r}: sends angles and needs encoders; accepted: {accepted}")
+        raise SettingsError(f"neck {neck.name!r}: to identify it takes angles and encoders; accepted: {accepted}")
     taken = _excite(settings, neck, progress)
     taken.save(settings.out.with_suffix(".npz"))
     return taken, neck, f"robot {settings.robot}, neck {neck.name}"

@@ -47,10 +47,13 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
     yield from _direction_rows("range", "% of the range", errors.along, 100.0, used)
     yield from _direction_rows("bearing", "deg, each axis", errors.across, DEG, used)
     jumps = errors.jumps
-    along, across = (np.median(sizes_m) if sizes_m.size else 0.0 for sizes_m in errors.jump_sizes_m)
-    size = f"{along:.2f} m along, {across:.2f} m across the line of sight (medians)"
-    last = f"up to {jumps.durations_s.max(initial=0.0):.2f} s"
-    yield "jumps a second", f"{jumps.durations_s.size / errors.used_s:.2f}", f"{size}; {last}"
+    if jumps.durations_s.size:
+        along, across = map(np.median, errors.jump_sizes_m)
+        size = f"{along:.2f} m along, {across:.2f} m across the line of sight (medians)"
+        remark = f"{size}; up to {jumps.durations_s.max():.2f} s"
+        yield "jumps a second", f"{jumps.durations_s.size / errors.used_s:.2f}", remark
+    else:
+        yield "jumps a second", "0", used
     for name, yaw in (("head yaw", errors.head_yaw), ("pelvis yaw", errors.pelvis_yaw)):
         if yaw is None:
             yield name, "-", "not in the recording"
@@ -83,7 +86,8 @@ def warnings(errors: TrackerErrors) -> list[str]:
     if errors.moved:
         still = f"still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s"
         found.append(
-            f"the person moved too much: {still}. Wander is left out; record 30 s of a person who stands still"
+            f"the person moved too much: {still}. Wander is left out, so the file understates the error; record 30 s of "
+            "a person who stands still"
         )
     elif errors.used_s < _GOOD_S:
         found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are better, mainly for wander")
@@ -184,7 +188,7 @@ def identify_tracker(path: Path, person: str | None, out: Path, progress: Progre
         path: Recording: table, lines of JSON or folder of a bag.
         person: The tracker's name of the person; None: who has the longest track.
         out: TOML file to write.
-        progress: Reports of the work.
+        progress: Reports the share that is done.
 
     Raises:
         RecordingError: If the recording cannot be read.
