@@ -86,8 +86,8 @@ def warnings(errors: TrackerErrors) -> list[str]:
     if errors.moved:
         still = f"still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s"
         found.append(
-            f"the person moved too much: {still}. Wander is left out, so the file understates the error; record 30 s of "
-            "a person who stands still"
+            f"the person moved too much: {still}. Wander is left out, so the file understates the error; "
+            "record 30 s of a person who stands still"
         )
     elif errors.used_s < _GOOD_S:
         found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are better, mainly for wander")
