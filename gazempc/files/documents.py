@@ -121,6 +121,8 @@ def _naming(source: str, language: str) -> Iterator[None]:
         text = str(error)
         if "digits" in text and "limit" in text:  # Python's own words advise programmers
             text = "a whole number of thousands of digits"
+        elif "maximum nesting depth" in text:  # newer libyaml has a limit of its own
+            text = _TOO_DEEP
         text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
         raise SettingsError(f"{source}: not valid {language}: {text}") from None
 
