@@ -20,6 +20,9 @@ _LEADS_FROM_PER_S = 0.25
 _TURNS_BACK_SDS = 1.5
 # Shares of the zone for plans before a person at rest, and before one who crosses the picture.
 _RESTS_IN, _FOLLOWS_IN = 0.9, 0.5
+# The answer to an excursion that ends within the delay adds two moves. Of 1, 1.5 and 2 delays the first has a third
+# more reversals on the slowest camera, the last up to a point less time in the zone (`docs/rivals.md`).
+_EXCURSION_DELAYS, _SHORTEST_EXCURSION_S = 1.5, 0.02
 _Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -124,8 +127,7 @@ class FramedPicture:
             axis: 0 for pan, 1 for tilt.
             turning_rad_s: Rate of the angle that looks at the head, rad/s.
         """
-        moves = math.tanh(abs(turning_rad_s) / (_LEADS_FROM_PER_S * self.view_rad[axis]))
-        return self.zone_rad[axis] * (_RESTS_IN + moves * (_FOLLOWS_IN - _RESTS_IN))
+        return self.zone_rad[axis] * (_RESTS_IN + self._moves(axis, turning_rad_s) * (_FOLLOWS_IN - _RESTS_IN))
 
     def turns_back_rad(self, axis: int, delay_s: float, deviation_rad: FloatArray) -> FloatArray:
         """Angle by which the zone is wider against a turn back; at most to the edge of the picture.
@@ -141,6 +143,29 @@ class FramedPicture:
         zone_rad, edge_rad = self.zone_rad[axis], 0.5 * self.view_rad[axis]
         wider_rad = self.hysteresis_per_s * delay_s * zone_rad + _TURNS_BACK_SDS * deviation_rad
         return np.minimum(wider_rad, edge_rad - zone_rad)
+
+    def excursion_s(self, delay_s: float) -> float:
+        """Duration from which on an excursion of a person who stays is answered.
+
+        Args:
+            delay_s: Time from the newest picture to the motion that answers it, seconds.
+        """
+        return max(_EXCURSION_DELAYS * delay_s, _SHORTEST_EXCURSION_S)
+
+    def waits_rad(self, axis: int, turning_rad_s: float, share: float) -> float:
+        """Angle by which the zone is wider on both sides before a person who stays and has just left it.
+
+        Args:
+            axis: 0 for pan, 1 for tilt.
+            turning_rad_s: Certain part of the rate of the angle that looks at the head, rad/s.
+            share: Duration of the excursion as a share of `excursion_s`, 0 to 1.
+        """
+        edge_rad = 0.5 * self.view_rad[axis] - self.zone_rad[axis]
+        return (1.0 - self._moves(axis, turning_rad_s)) * (1.0 - share) * edge_rad
+
+    def _moves(self, axis: int, turning_rad_s: float) -> float:
+        """0 before a person at rest, towards 1 before one who crosses the picture."""
+        return math.tanh(abs(turning_rad_s) / (_LEADS_FROM_PER_S * self.view_rad[axis]))
 
     def calmed(self, neck: NeckSpec) -> NeckSpec:
         """The neck with pan and tilt within the framing's limits of acceleration and jerk."""

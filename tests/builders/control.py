@@ -15,9 +15,9 @@ from predictors import Forecast
 NECK = load_neck("reference")
 
 
-def forecast(times_s, path, sigma_m=np.zeros_like):
+def forecast(times_s, path, sigma_m=np.zeros_like, issued_at_s=0.0):
     times = np.asarray(times_s)
-    return Forecast(times, path(times), sigma_m(times)[:, None, None] ** 2 * np.eye(3), 0.0)
+    return Forecast(times, path(times), sigma_m(times)[:, None, None] ** 2 * np.eye(3), issued_at_s)
 
 
 def run(
@@ -63,6 +63,7 @@ def run(
                     controller.forecast_times_s(now, now),
                     path if known is None else lambda t, now=now: known(now, t),
                     lambda t, now=now: sigma_m(t - now),
+                    now,
                 ),
                 command=smoother.command,
                 joint_position_rad=state.position_rad,

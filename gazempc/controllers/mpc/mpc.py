@@ -108,6 +108,8 @@ class Mpc:
             self.acquisition_ocps = programs(quick_s, ACQUISITION_DAMPING, True)
         # Signs of the last motion of pan and tilt.
         self._ways = [0.0] * len(AXES)
+        # Duration of the present excursion of the forecast from the zone; it decreases inside.
+        self._outside_s = [0.0] * len(AXES)
         # The first knot is the command before the plan starts.
         self._knots_s: FloatArray = period_s * np.arange(1.0, knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
@@ -116,6 +118,7 @@ class Mpc:
         # already a new one; the joint answers one dead time later.
         self._times_s = models[0].times_s
         self._between_s = float(self._times_s[1] - self._times_s[0])
+        self._length_s = float(self._times_s[-1] - self._times_s[0])
         # References of both joints come from the same forecast where their dead times are equal.
         dead_times_s = neck.dead_time_s[:1] if neck.dead_time_s[0] == neck.dead_time_s[1] else neck.dead_time_s[:2]
         self._pan_ahead_s: FloatArray = neck.dead_time_s[0] + self._times_s
@@ -123,8 +126,9 @@ class Mpc:
         self._forecasts_of = {"pan": slice(0, n), "tilt": slice(self._head_ahead_s.size - n, self._head_ahead_s.size)}
 
     def reset(self) -> None:
-        """Drop warm starts, the state of acquisition and the ways of the last motion; all else is in the situation."""
+        """Drop warm starts, the state of acquisition and of the zone; all else is in the situation."""
         self._ways = [0.0] * len(AXES)
+        self._outside_s = [0.0] * len(AXES)
         for acquisition in self._acquisitions:
             acquisition.reset()
         for ocp in self.ocps + self.acquisition_ocps:
@@ -179,7 +183,7 @@ class Mpc:
         # The model has no offset.
         reference_rad = reference_rad - offset_rad
         if self.picture is not None:
-            zone_rad = self._zone_rad(self.picture, axis, situation, reference_rad, joint_rad_s)
+            zone_rad = self._zone_rad(self.picture, axis, situation, reference_rad, state)
             return self.ocps[axis].solve(state, reference_rad, zone_rad)
         turning_rad_s = float(reference_rad[1] - reference_rad[0]) / self._between_s
         bounds_rad = self._acquisitions[axis].bounds_rad(joint_rad, joint_rad_s, reference_rad, turning_rad_s)
@@ -189,8 +193,9 @@ class Mpc:
         return self.acquisition_ocps[axis].solve(state, reference_rad, bounds_rad)
 
     def _zone_rad(
-        self, picture: FramedPicture, axis: int, situation: Situation, reference_rad: FloatArray, joint_rad_s: float
+        self, picture: FramedPicture, axis: int, situation: Situation, reference_rad: FloatArray, state: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
+        joint_rad, joint_rad_s = float(state[0]), float(state[1])
         # Hysteresis: the side that a turn back would lead away from is wider.
         if abs(joint_rad_s) > _MOVES_RAD_S:
             self._ways[axis] = math.copysign(1.0, joint_rad_s)
@@ -198,13 +203,22 @@ class Mpc:
         pairs = zip(forecast.means_base_m[of_axis], forecast.covariances_m2[of_axis], strict=True)
         deviation_rad = np.array([angle_deviations_rad(mean, covariance)[axis] for mean, covariance in pairs])
         delay_s = situation.start_s + float(self.neck.dead_time_s[axis]) - forecast.issued_at_s
-        half_rad = picture.planned_zone_rad(axis, self._mean_rate(reference_rad))
+        turning_rad_s = self._mean_rate(reference_rad)
+        half_rad = picture.planned_zone_rad(axis, turning_rad_s)
+        outside = abs(float(np.mean(reference_rad)) - joint_rad) > half_rad
+        seconds = self._outside_s[axis] + math.copysign(self.neck.control_period_s, outside - 0.5)
+        longest_s = picture.excursion_s(delay_s)
+        self._outside_s[axis] = min(max(seconds, 0.0), longest_s)
+        # A rate within one standard deviation of the forecast is none.
+        certain_rad_s = abs(turning_rad_s) - float(np.mean(deviation_rad)) / self._length_s
+        waits_rad = picture.waits_rad(axis, max(certain_rad_s, 0.0), self._outside_s[axis] / longest_s)
         wider_rad = self._ways[axis] * picture.turns_back_rad(axis, delay_s, deviation_rad)
-        low_rad, high_rad = np.minimum(wider_rad, 0.0) - half_rad, np.maximum(wider_rad, 0.0) + half_rad
+        low_rad = np.minimum(wider_rad, -waits_rad) - half_rad
+        high_rad = np.maximum(wider_rad, waits_rad) + half_rad
         return reference_rad + low_rad, reference_rad + high_rad
 
     def _mean_rate(self, angles_rad: FloatArray) -> float:
-        return float(angles_rad[-1] - angles_rad[0]) / float(self._times_s[-1] - self._times_s[0])
+        return float(angles_rad[-1] - angles_rad[0]) / self._length_s
 
     def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
         # From the command before the plan on.

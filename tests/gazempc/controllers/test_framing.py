@@ -19,6 +19,10 @@ from gazempc.sim.scene import SceneSettings, make_scene
 STEPS, T, ZETA = 8, 0.1, 0.85
 VIEW_DEG = (60.0, 34.0)
 CAMERA = gz.load_neck("ptz").model_copy(update={"head_view_deg": VIEW_DEG})
+# The same camera, driven by angles.
+BY_ANGLES = CAMERA.with_axes(
+    {name: getattr(CAMERA, name).model_copy(update={"command": "position"}) for name in ("pan", "tilt")}
+)
 
 
 def best_by_ipopt(state, low, high):
@@ -87,24 +91,32 @@ def pan_deg(*steps):
 
 @pytest.mark.parametrize(
     ("hysteresis_per_s", "sigma_m", "back_to_deg", "turns"),
-    [(0.0, 0.0, 21.0, 1), (0.0, 0.2, 21.0, 0), (0.5, 0.0, 21.0, 0), (0.5, 0.2, -25.0, 1)],
+    [(0.0, 0.0, 21.0, 1), (0.0, 0.2, 21.0, 0), (5.0, 0.0, 21.0, 0), (5.0, 0.2, -25.0, 1)],
 )
 def test_the_camera_turns_back_only_for_a_head_that_is_outside_for_certain(
     hysteresis_per_s, sigma_m, back_to_deg, turns
 ):
     """A head at 40 deg is framed from 31 to 35 deg; at 21 it is just outside the zone."""
     framing = Framing(headroom=0.5, lead_room=0.0, hysteresis_per_s=hysteresis_per_s)
-    axes = {name: getattr(CAMERA, name).model_copy(update={"command": "position"}) for name in ("pan", "tilt")}
-    neck = CAMERA.model_copy(update=axes)
     joints, *_ = run(
-        gz.Mpc(neck, framing=framing),
-        neck,
+        gz.Mpc(BY_ANGLES, framing=framing),
+        BY_ANGLES,
         pan_deg((0.4, 40.0), (2.6, back_to_deg)),
         250,
         sigma_m=lambda since_s: np.full_like(since_s, sigma_m),
     )
     assert np.degrees(joints).max() > 28.0
     assert reversals(np.degrees(joints)[:, 0]) == turns
+
+
+@pytest.mark.parametrize(("excursions", "moves"), [(0.7, False), (2.0, True)])
+def test_the_camera_waits_out_a_short_excursion_of_a_person_who_stays(excursions, moves):
+    """The forecast is the present position: 14 deg, outside the zone of 10 deg and inside the picture of 30."""
+    framing = Framing(headroom=0.5, lead_room=0.0)
+    path = pan_deg((0.4, 14.0), (0.4 + excursions * 1.5 * CAMERA.pan.dead_time_s, 0.0))
+    held = lambda now, times_s: path(np.full_like(times_s, now))  # noqa: E731
+    joints, *_ = run(gz.Mpc(BY_ANGLES, framing=framing), BY_ANGLES, path, 400, known=held)
+    assert (np.degrees(joints)[:, 0].max() > 2.0) == moves
 
 
 @pytest.mark.parametrize("subject", ["one", "all"])

@@ -34,6 +34,14 @@ def test_the_zone_is_wider_against_a_turn_back_by_delay_and_deviation_up_to_the_
     np.testing.assert_allclose(np.degrees(wider), [[7.2, 10.2, 18.0], [3.6, 6.6, 9.0]])
 
 
+def test_the_zone_is_as_wide_as_the_picture_until_a_person_who_stays_has_been_outside_for_long():
+    framed = picture(zone=(0.4, 0.4))  # 12 deg of 30
+    waits = [framed.waits_rad(0, 0.0, share) for share in (0.0, 0.5, 1.0)]
+    np.testing.assert_allclose(np.degrees(waits), [18.0, 9.0, 0.0])
+    assert np.degrees(framed.waits_rad(0, np.radians(60.0), 0.0)) < 0.1  # a walker crosses the picture
+    assert framed.excursion_s(1.2) == pytest.approx(1.8)
+
+
 def test_limits_are_of_the_picture_so_that_a_closer_zoom_is_as_calm():
     wide = narrowed(NECK, None, None, Framing(view_deg=(60.0, 34.0), acceleration_max=0.5))
     close = narrowed(NECK, None, None, Framing(view_deg=(6.0, 3.4), acceleration_max=0.5))
