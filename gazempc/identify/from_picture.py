@@ -65,6 +65,11 @@ class TurnedAxis:
     answers: TurnEstimate | None
     steps: int
 
+    @property
+    def servo(self) -> TurnEstimate:
+        """The estimate of dead time, lag and speeds: by the answers, which come more often than pictures."""
+        return self.answers or self.picture
+
 
 @dataclass
 class _Eye:
@@ -284,10 +289,11 @@ def table(axes: Sequence[TurnedAxis], fov_rad: float) -> str:
         lines.append(f"{axis.name}: delay from command to picture {picture.delay_s.shown(1e3, 1)} ms")
         if axis.answers is not None:
             lines.append(f"  of it dead time, by the position answers, {axis.answers.delay_s.shown(1e3, 1)} ms")
+        servo = axis.servo
         lines += [
-            f"  natural frequency {picture.natural_frequency_rad_s.shown(1.0, 1)} rad/s; sign {picture.sign:+d}",
-            f"  residual {picture.residual_deg:.3f} deg",
-            *(f"  step {k:+d}: {speed.shown(180.0 / math.pi, 2)} deg/s" for k, speed in picture.speeds_rad_s.items()),
+            f"  natural frequency {servo.natural_frequency_rad_s.shown(1.0, 1)} rad/s; sign {picture.sign:+d}",
+            f"  residual {servo.residual_deg:.3f} deg",
+            *(f"  step {k:+d}: {speed.shown(180.0 / math.pi, 2)} deg/s" for k, speed in servo.speeds_rad_s.items()),
         ]
     return "\n".join(lines)
 
@@ -302,12 +308,11 @@ def neck_toml(
     values: dict[str, Any] = neck.model_dump(exclude_none=True)
     for axis in axes:
         tables = {key: _ascending(axis, way) for key, way in (("positive_rad_s", 1), ("negative_rad_s", -1))}
-        delay_s = (axis.answers or axis.picture).delay_s.value
         values[axis.name] |= {
             "speed_steps": tables,
             "velocity_max_rad_s": min(speeds[-1] for speeds in tables.values()),
-            "dead_time_s": float(f"{max(delay_s, 0.0):.4g}"),
-            "natural_frequency_rad_s": float(f"{axis.picture.natural_frequency_rad_s.value:.4g}"),
+            "dead_time_s": float(f"{max(axis.servo.delay_s.value, 0.0):.4g}"),
+            "natural_frequency_rad_s": float(f"{axis.servo.natural_frequency_rad_s.value:.4g}"),
             "damping_ratio": 1.0,
         }
         values[axis.name].pop("full_speed_rad_s", None)
@@ -318,8 +323,8 @@ def neck_toml(
 
 
 def _ascending(axis: TurnedAxis, way: int) -> list[float]:
-    """Speeds of the steps to one side; a step that no picture shows lies between its neighbours."""
-    speeds = axis.picture.speeds_rad_s
+    """Speeds of the steps to one side; a step that was not seen lies between its neighbours."""
+    speeds = axis.servo.speeds_rad_s
     known = {way * step: speeds[step].value for step in sorted(speeds, key=abs) if way * step > 0}
     if not known:
         raise IdentificationError(f"{axis.name}: no picture shows the speeds to one side: more light, less blur")

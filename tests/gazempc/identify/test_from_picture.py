@@ -22,16 +22,17 @@ def estimate(delay_s, speeds):
     return TurnEstimate(Interval(delay_s, delay_s, delay_s), wn, known, 0.01)
 
 
-def test_the_neck_file_has_the_measured_table(tmp_path):
+@pytest.mark.parametrize(("answers", "dead_time_s"), [(True, 0.3), (False, 0.5)])
+def test_the_neck_file_has_the_measured_table(answers, dead_time_s, tmp_path):
+    """With position answers theirs; without them that of the picture, here of a camera that turns the other way."""
     speeds = {1: 0.1, 3: 0.5, -1: -0.09, -2: -0.4, -3: -0.6}
-    axes = [
-        TurnedAxis(name, estimate(0.5, {k: -v for k, v in speeds.items()}), estimate(0.3, speeds), 3)
-        for name in ("pan", "tilt")
-    ]
+    by_picture = {step: -speed * (1.05 if answers else 1.0) for step, speed in speeds.items()}
+    by_answers = estimate(0.3, speeds) if answers else None
+    axes = [TurnedAxis(name, estimate(0.5, by_picture), by_answers, 3) for name in ("pan", "tilt")]
     path = tmp_path / "measured.toml"
     path.write_text(neck_toml(PTZ, axes, np.radians(60.0), "measured", "a test", datetime.date(2026, 11, 23)))
     neck = load_neck(path)
-    assert neck.pan.dead_time_s == 0.3
+    assert neck.pan.dead_time_s == dead_time_s
     assert neck.pan.speed_steps.positive_rad_s == pytest.approx((0.1, 0.3, 0.5))
     assert neck.pan.speed_steps.negative_rad_s == pytest.approx((0.09, 0.4, 0.6))
     assert neck.pan.velocity_max_rad_s == pytest.approx(0.5)
@@ -56,9 +57,8 @@ def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
     for name in ("pan", "tilt"):
         axis, steps = getattr(neck, name), getattr(neck, name).speed_steps
         assert axis.dead_time_s == pytest.approx(PTZ.pan.dead_time_s, abs=0.015)
-        # On two slow cores, 3 % is not kept at every speed: up to 4.2 % in five runs.
-        np.testing.assert_allclose(steps.positive_rad_s, few["positive_rad_s"], rtol=0.05)
-        np.testing.assert_allclose(steps.negative_rad_s, few["negative_rad_s"], rtol=0.05)
+        np.testing.assert_allclose(steps.positive_rad_s, few["positive_rad_s"], rtol=0.03)
+        np.testing.assert_allclose(steps.negative_rad_s, few["negative_rad_s"], rtol=0.03)
     assert neck.head_view_deg[0] == pytest.approx(60.0, abs=1.0)
     latency_ms = float(text.rsplit("--camera.latency-ms ", 1)[1].split()[0])
     assert latency_ms == pytest.approx(1e3 * LATENCY_S, abs=30.0)
