@@ -44,7 +44,7 @@ def quintic(first, last, lasts_s, at_s):
 class Controller:
     def __init__(self):
         self.times_s, self.states, self.start_s = np.zeros(1), np.zeros((1, 3, 2)), 0.0
-        self.accepted, self.refused = 0, []
+        self.accepted, self.refused, self.last_s = 0, [], np.nan
 
     def at(self, now_s):
         if now_s >= self.start_s + self.times_s[-1]:
@@ -69,7 +69,7 @@ class Controller:
         if why:
             self.refused.append(why)
             return
-        self.accepted += 1
+        self.accepted, self.last_s = self.accepted + 1, now_s
         here = self.at(now_s)[None]
         self.times_s, self.states, self.start_s = np.array([0.0, *times_s]), np.concatenate([here, states]), now_s
 
@@ -140,7 +140,12 @@ def main():
         time.sleep(max(0.0, due_s - time.time()))
     if asked.out:
         np.savez(
-            asked.out, rows=rows, accepted=controller.accepted, refused=controller.refused, transports_ms=transports_ms
+            asked.out,
+            rows=rows,
+            accepted=controller.accepted,
+            refused=controller.refused,
+            last_s=controller.last_s,
+            transports_ms=transports_ms,
         )
     node.destroy_node()
     rclpy.shutdown()
