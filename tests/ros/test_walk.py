@@ -20,7 +20,7 @@ from gazempc.sim.scene import SceneSettings, make_scene
 
 pytestmark = pytest.mark.slow
 NECK = gz.load_neck("reference")
-PASSES = 2
+PASSES = 4
 CONE_RAD = np.deg2rad(2.6)
 
 
@@ -37,10 +37,12 @@ def contact(times_s, joints_rad, head_times_s, heads_m):
 
 
 def contact_without_ros(passes):
+    """The same settings, so with the node's time to compute."""
+    loop = {"compute_delay_s": 0.02}
     scene = make_scene("subject03_R4", SceneSettings(), NECK)
     clock, heads = RealClock(), []
     source, true_head = ReplaySource(scene.walk, scene.sensor, 0, clock, passes, ()), TrueHead(scene.walk)
-    with gz.Gaze("reference", "simulated") as gaze:
+    with gz.Gaze("reference", "simulated", loop=loop) as gaze:
         source.open()
         while not source.finished:
             for sighting in source.poll().sightings:
