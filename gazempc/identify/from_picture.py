@@ -25,12 +25,18 @@ from gazempc.identify.record import IdentificationError
 from gazempc.identify.turning import Odometer, Pulse, TurnEstimate, Turning, estimate_turns
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
-from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, open_pictures
+from gazempc.live.sources.camera.capture import (
+    LIKELY_FOV_DEG,
+    CameraOptions,
+    Picture,
+    check_address,
+    open_pictures,
+)
 from gazempc.neck.spec import AXES, Axis, NeckSpec
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.parts import split_address
 from gazempc.progress import Progress
-from gazempc.robots.options import RobotOptions
+from gazempc.robots.options import OnvifOptions, RobotOptions, ViscaOptions
 from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.robots.robot import Robot
 from gazempc.robots.visca_packets import SPEEDS
@@ -202,6 +208,7 @@ def identify_from_picture(
     kind, _, address = source.partition(":")
     if kind != "camera":
         raise SettingsError(f"--source {source}: accepted: camera:URL, the picture of the camera that turns")
+    check_address(address)
     if not neck.speed_joints.all():
         raise SettingsError(f'neck {neck.name!r}: accepted with --source: command = "velocity" of pan and tilt')
     clock = RealClock()
@@ -214,18 +221,35 @@ def identify_from_picture(
         try:
             while not eye.taken and not eye.problem:
                 time.sleep(_TICK_S)
-            fov_rad, axes = _measured(_Bench(ready, eye, clock), camera, neck, commanded, delay_max_s, progress)
+            view_rad, axes = _measured(_Bench(ready, eye, clock), camera, neck, commanded, delay_max_s, progress)
         finally:
             eye.closing = True
             eye.pictures.close()
     origin = f"robot {robot}, its picture"
-    print(table(axes, fov_rad))
+    print(table(axes, view_rad[0]))
     for axis in axes:
         if axis.picture.sign < 0:
-            print(f"Warning: {axis.name} turns the other way: change its sign in --options.*.directions.")
-    write_whole(out, neck_toml(neck, axes, fov_rad, out.stem, origin, datetime.date.today()))
-    use = f"--camera.fov-deg {math.degrees(fov_rad):.1f} --camera.latency-ms {1e3 * latency_s(axes, camera):.0f}"
-    print(f"\nWritten: {out}\nUse it: python -m gazempc.live --robot {robot} --source {source} --neck {out} {use}")
+            print(f"Warning: {axis.name} turns the other way: the file and the command below are for the changed sign.")
+    write_whole(out, neck_toml(neck, axes, view_rad, out.stem, origin, datetime.date.today()))
+    use = f"--camera.fov-deg {math.degrees(view_rad[0]):.1f} --camera.latency-ms {1e3 * latency_s(axes, camera):.0f}"
+    words = f"--robot {robot} --source {source} --neck {out} {use}"
+    print(f"\nWritten: {out}\nUse it: python -m gazempc.live {' '.join([words, *option_words(robot, options, axes)])}")
+
+
+def option_words(robot: str, options: RobotOptions, axes: Sequence[TurnedAxis]) -> list[str]:
+    """Options of the robot that are not the defaults, with the measured signs, as words of the command line."""
+    kind = split_address(robot)[0]
+    given = getattr(options, kind, None)
+    if not isinstance(given, ViscaOptions | OnvifOptions):
+        return []
+    signs = tuple(old * axis.picture.sign for old, axis in zip(given.directions, axes, strict=True))
+    given, words = given.model_copy(update={"directions": signs}), list[str]()
+    for name, field_info in type(given).model_fields.items():
+        value = getattr(given, name)
+        if value != field_info.default:
+            values = value if isinstance(value, tuple | list) else (value,)
+            words += [f"--options.{kind}.{name.replace('_', '-')}", *map(str, values)]
+    return words
 
 
 def _measured(
@@ -235,7 +259,7 @@ def _measured(
     commanded: NeckSpec,
     delay_max_s: float,
     progress: Progress,
-) -> tuple[float, list[TurnedAxis]]:
+) -> tuple[tuple[float, float], list[TurnedAxis]]:
     guess_rad = math.radians(camera.fov_deg or LIKELY_FOV_DEG)
     after_s = delay_max_s + 0.5
     # The lens, and about how late the picture is.
@@ -264,7 +288,7 @@ def _measured(
             progress.at((index + step / len(plans[index])) / len(plans))
         by_answers = estimate_turns(reported, delay_max_s) if reported else None
         found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, len(plans[index])))
-    return fov_rad, found
+    return (fov_rad, 2.0 * math.atan(height / width * math.tan(0.5 * fov_rad))), found
 
 
 def _steps(axis: Axis) -> tuple[float, ...]:
@@ -299,15 +323,23 @@ def table(axes: Sequence[TurnedAxis], fov_rad: float) -> str:
 
 
 def neck_toml(
-    neck: NeckSpec, axes: Sequence[TurnedAxis], fov_rad: float, name: str, origin: str, day: datetime.date
+    neck: NeckSpec,
+    axes: Sequence[TurnedAxis],
+    view_rad: tuple[float, float],
+    name: str,
+    origin: str,
+    day: datetime.date,
 ) -> str:
     """A neck file with delay, servo and speed table of each axis; all else as in the given neck.
 
-    Without position answers the dead time contains the picture's latency.
+    Positive speeds are to the left and up in the picture, whatever signs the device was driven with. Without position
+    answers the dead time contains the picture's latency.
     """
     values: dict[str, Any] = neck.model_dump(exclude_none=True)
     for axis in axes:
-        tables = {key: _ascending(axis, way) for key, way in (("positive_rad_s", 1), ("negative_rad_s", -1))}
+        tables = {
+            k: _ascending(axis, way * axis.picture.sign) for k, way in (("positive_rad_s", 1), ("negative_rad_s", -1))
+        }
         values[axis.name] |= {
             "speed_steps": tables,
             "velocity_max_rad_s": min(speeds[-1] for speeds in tables.values()),
@@ -317,8 +349,7 @@ def neck_toml(
         }
         values[axis.name].pop("full_speed_rad_s", None)
     source = f"identified by gazempc on {day.isoformat()} from {origin}; ranges of {neck.name}: {neck.source}"
-    view = neck.head_view_deg or (1.0, 0.5625)
-    view_deg = [round(math.degrees(fov_rad), 1), round(math.degrees(fov_rad) * view[1] / view[0], 1)]
+    view_deg = [round(math.degrees(angle_rad), 1) for angle_rad in view_rad]
     return as_toml(values | {"name": name, "source": source, "head_view_deg": view_deg})
 
 

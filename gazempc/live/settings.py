@@ -10,7 +10,7 @@ from pydantic import Field
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
 from gazempc.live.robots import keeps_any_clock
-from gazempc.live.sources.camera.capture import CAMERA, CameraOptions
+from gazempc.live.sources.camera.capture import CAMERA, CameraOptions, check_address
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
 from gazempc.live.view.orders import PORTS, ViewKind
@@ -175,6 +175,7 @@ def check(settings: LiveSettings) -> None:
         (PREDICTOR, settings.predictor), (CONTROLLER, settings.controller), (ROBOT, robot), (SOURCE, source)
     ]  # fmt: skip
     if source == "camera":
+        check_address(settings.source)
         chosen.append((CAMERA, settings.source.partition(":")[2]))
     for kind, choice in chosen:
         if is_own(choice):

@@ -119,7 +119,6 @@ def test_goals_of_both_actions(stage):
     for k in range(100):
         sent.append(head.points.send_goal_async(point_head([1.0, 0.2 * math.sin(0.3 * k), 0.0])))
         stage.client().for_s(0.01)
-    stage.client().for_s(1.0)
     last = head.send(point_head([1.0, 0.4, 0.0]))
     assert head.end(last) == OK
     answered = [each.result() for each in sent if each.done()]

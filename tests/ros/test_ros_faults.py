@@ -101,16 +101,23 @@ def test_tracker_and_controller_that_go_and_come_back(stage):
     assert gz.measure(gz.load_log(stage.gaze_file)).limit_violations == 0
 
 
-def test_bad_numbers_and_frames(stage):
-    """NaN in every fifth message; tf that jumps by 30 m, later tf that ends: heads are refused and named."""
+@pytest.mark.parametrize(
+    ("faults", "events", "seen"),
+    [
+        (("--nan-every", "5", "--jump-after-s", "4"), ("bad_observation", "implausible_person"), 20),
+        (("--silent-tf-after-s", "4"), ("bad_observation", "target_lost"), 20),
+        (("--silent-tf-after-s", "0"), ("bad_observation",), 0),
+    ],
+    ids=["NaN, and tf that jumps by 30 m", "tf that ends", "no tf"],
+)
+def test_bad_numbers_and_frames(stage, faults, events, seen):
     controller, gaze = stage.controller(), stage.gaze()
     watch = Watch(stage.client())
     gaze.until("robot ros2")
-    tracker = stage.tracker("--passes", "20", "--nan-every", "5", "--jump-after-s", "4", "--silent-tf-after-s", "7")
-    watch.until("event bad_observation", "event implausible_person")
-    watch.until("event target_lost")
-    used = int(watch.latest()["used"])
-    assert used > 20
+    tracker = stage.tracker("--passes", "20", *faults)
+    watch.until(*(f"event {name}" for name in events))
+    used = int(watch.latest().get("used", 0))
+    assert used > seen if seen else used == 0
     tracker.stop()
     gaze.stop()
     controller.stop()

@@ -95,8 +95,9 @@ def test_contact_and_latency_equal_the_run_without_ros(stage):
     assert list(file["refused"]) == []
     assert gz.measure(log).limit_violations == 0
     assert abs(speeds_rad_s).max() <= 1.03 * NECK.velocity_max_rad_s.max()
-    # On an idle computer the difference is about 0.01, see docs/ros2.md; three processes share a busy one.
-    assert with_ros > without - 0.1
+    # On an idle computer the difference is 0.002, see docs/ros2.md; three processes share a busy one.
+    assert with_ros > without - 0.05
+    assert np.median(both_ms) < 5.0
 
 
 def test_the_command_live_is_the_same(stage):

@@ -24,7 +24,7 @@ _ARGUMENTS = {
 # Messages are taken and made in Python beside the plans: with 10 ms, as in a live run, 2 to 10 % are late.
 _DEFAULTS = LiveGazeSettings(loop=LoopSettings(compute_delay_s=0.02))
 _BOUNDS, _FAR = ("ge", "gt", "le", "lt"), 1e15
-_LEFT_OUT = ("options.dynamixel", "options.reachy_mini", "options.ros2.use_sim_time")
+_LEFT_OUT = ("options.dynamixel", "options.reachy_mini", "options.visca", "options.onvif", "options.ros2.use_sim_time")
 
 
 def _fields(model: type[BaseModel], default: BaseModel, prefix: str = "") -> Iterator[tuple[str, FieldInfo, Any]]:

@@ -19,9 +19,11 @@ from builders.visca import camera, wait_until
 
 import gazempc as gz
 from gazempc.errors import SettingsError
+from gazempc.identify.identify import main as identify
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.session import main, parse
 from gazempc.live.setup import build
+from gazempc.live.sources.camera.capture import check_address
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.spec import load_neck
@@ -139,6 +141,30 @@ def test_settings_that_follow_from_the_emulated_camera():
     slow = build(parse(words)).neck
     assert slow.pan.velocity_max_rad_s == 0.1
     assert slow.pan.full_rad_s == PTZ.pan.velocity_max_rad_s
+
+
+@pytest.mark.parametrize("command", ["live", "identify"])
+def test_a_password_in_the_address_of_a_stream_is_refused_and_shown_nowhere(command, capsys):
+    run = {"live": main, "identify": identify}[command]
+    words = ["--robot", "visca:h", "--neck", "ptz", "--source"]
+    assert run([*words, "camera:rtsp://me:secret@192.0.2.1/x"]) == 2
+    text = "".join(capsys.readouterr())
+    assert "password" in text
+    assert "secret" not in text
+    check_address("camera:rtsp://me:$CAMERA_PASSWORD@192.0.2.1/x")
+
+
+@pytest.mark.slow
+def test_a_camera_that_does_not_answer_is_an_event_and_stands_at_the_end():
+    with camera(PTZ) as (server, _):
+        with gz.Gaze(PTZ, f"visca:127.0.0.1:{server.address[1]}") as gaze:
+            start_s = time.time()
+            while (now_s := time.time()) < start_s + 6.0:
+                server.silent = 2.0 < now_s - start_s < 5.0
+                gaze.see(now_s - 0.1, [2.0, 0.5 * math.sin(now_s - start_s), 0.0])
+                time.sleep(1 / 30)
+        assert "robot_not_answering" in set(gaze.log().event_name)
+        assert server.driven[-1][1:] == (0, 0)
 
 
 def test_a_probe_on_the_command_line(capsys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import threading
 import time
 from collections import deque
@@ -55,6 +56,26 @@ _SILENT_S, _SAME_S = 2.0, 1.0
 _LAG_S, _LAG_OVER_S = 0.5, 60.0
 # A picture of a file that is later than this is left out.
 _LATE_S = 0.05
+
+
+# User and password of an address, where the password is not the name of an environment variable.
+_PLAIN_PASSWORD = re.compile(r"://[^/@\s:]*:[^/@\s$][^/@\s]*@")
+
+
+def check_address(address: str) -> None:
+    """Refuse an address with a password: it would be in the log, the report and the list of processes.
+
+    Args:
+        address: Of a camera or stream.
+
+    Raises:
+        SourceError: If it has one that is not the name of an environment variable.
+    """
+    if _PLAIN_PASSWORD.search(address):
+        raise SourceError(
+            "source camera: the address has a password, which would be in the log and the report; accepted: the name "
+            "of an environment variable in single quotes, such as 'camera:rtsp://me:$CAMERA_PASSWORD@192.168.0.8/1'"
+        )
 
 
 @dataclass(frozen=True)
