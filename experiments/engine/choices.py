@@ -99,7 +99,9 @@ def find_recordings(words: Sequence[str]) -> list[str]:
         elif path.exists() or any(word in names() for names in _SETS.values()):
             found.append(word)
         else:
-            hint = suggest(word, list(_SETS)) if "." not in word and "/" not in word else "no such file or folder"
+            names = [*_SETS, *(name for names in _SETS.values() for name in names())]
+            hint = suggest(word, names).rpartition("accepted: ")[0] + f"accepted: {', '.join(sorted(_SETS))}"
+            hint = hint if "." not in word and "/" not in word else "no such file or folder"
             problems.append(f"{word}: not a recording; {hint}, a synthetic name, a file or a folder")
     if problems:
         raise GazempcError("\n".join(problems))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,9 @@ from experiments.engine.job import Job, Row
 from experiments.engine.workers import Cluster, Results, on_this_machine
 from gazempc.errors import GazempcError
 from gazempc.signals import deferred, raise_if_received
+
+# With more jobs the time that they take is estimated, from so many of them.
+_MANY, _SAMPLE = 1000, 20
 
 
 class Engine:
@@ -88,6 +92,22 @@ class Engine:
             self._count(len(self._rows))
         self._bar.total = self._total
         failed: dict[str, Row] = {}
+        if len(missing) > _MANY:
+            self._estimate(missing, failed)
+        self._carry_out({key: job for key, job in missing.items() if key not in self._rows | failed}, failed)
+        return failed
+
+    def _estimate(self, missing: dict[str, Job], failed: dict[str, Row]) -> None:
+        """Do some of the jobs, from all parts of the list, and print how long the others will take."""
+        sample = list(missing)[:: len(missing) // _SAMPLE]
+        # The first jobs of a worker include its start.
+        self._carry_out({key: missing[key] for key in sample[: _SAMPLE // 4]}, failed)
+        timed, began_s = sample[_SAMPLE // 4 :], time.monotonic()
+        self._carry_out({key: missing[key] for key in timed}, failed)
+        left_min = (time.monotonic() - began_s) / len(timed) * (len(missing) - len(sample)) / 60.0
+        self._bar.write(f"{len(missing)} {self._unit}s to do: about {left_min:.0f} min", file=sys.stderr)
+
+    def _carry_out(self, missing: dict[str, Job], failed: dict[str, Row]) -> None:
         results = (self._cluster or self._here)(missing)
         try:
             for key, row in results:
@@ -99,7 +119,6 @@ class Engine:
         except BaseException as error:
             results.throw(error)  # ends the workers, and raises it again
             raise
-        return failed
 
     def _keep(self, key: str, row: Row, failed: dict[str, Row]) -> None:
         if row["failed"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from experiments.engine.job import Row
@@ -20,8 +20,8 @@ def sweep_page(
     summary: Row,
     rows: Sequence[Row],
     table: Sequence[Row],
-    plots: Iterable[Plot],
-    pictures: Iterable[Path],
+    plots: Sequence[Plot],
+    pictures: Mapping[Path, Plot],
     command: str,
 ) -> Page:
     """The report of a sweep.
@@ -32,7 +32,7 @@ def sweep_page(
         rows: All runs.
         table: Means, as made by `experiments.sweep.tables.point_table`.
         plots: Its plots.
-        pictures: Their files.
+        pictures: The plots that were drawn, by their files.
         command: The command that repeats it.
 
     Returns:
@@ -56,7 +56,7 @@ def sweep_page(
         },
         tables=(means_table(plan, table, "Means over clips"),),
         charts=tuple(plot.chart() for plot in plots if not plot.ticks),
-        pictures={path: path.stem.replace("_", " ") for path in pictures},
+        pictures={path: f"{plot.y_label} over {plot.x_label}" for path, plot in pictures.items()},
         unusual=tuple(_unusual(summary)),
         command=command,
         settings=summary["spec"],

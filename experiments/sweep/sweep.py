@@ -113,8 +113,8 @@ def sweep(settings: SweepSettings, command: str = "") -> int:
     write_csv(out / "table.csv", table)
     summary = _summary(plan, rows, table)
     plots = list(plots_of(plan, rows, table)) if table else []
-    pictures = [out / f"{name}.png" for name, _ in plots if name and settings.figures]
-    for path, (_, plot) in zip(pictures, plots, strict=False):
+    pictures = {out / f"{name}.png": plot for name, plot in plots if name and settings.figures}
+    for path, plot in pictures.items():
         draw([plot], path, f"{recorded_or_synthetic(plan)}; means over clips, 95 % intervals over people")
     command = command or f"experiments.sweep.sweep.sweep({settings!r})"
     page = sweep_page(plan, summary, rows, table, [plot for _, plot in plots], pictures, command)

@@ -63,6 +63,6 @@ def _serve(line: Connection, make: Callable[[], Predictor]) -> None:
             return
         try:
             answer = getattr(predictor, method)(*args)
-        except Exception as error:
+        except BaseException as error:  # also of sys.exit
             answer = error
         line.send((answer, getattr(predictor, "rejections_in_a_row", 0)))

@@ -51,7 +51,7 @@ class LiveRun:
     Args:
         setup: The parts of the run.
         sink: Takes each log as soon as it is complete, in a thread of its own.
-        listeners: Get each moment in the thread of the run; must return at once.
+        listeners: Get each moment in the thread of the run; must return at once. One that raises gets no more.
         attention: Gets the state of attention at each tick, likewise; None for no report.
 
     Attributes:
@@ -254,7 +254,13 @@ class LiveRun:
 
     def _emit(self, moment: Moment) -> None:
         for listener in self._listeners:
-            listener(moment)
+            try:
+                with boundary(listener, "__call__"):
+                    listener(moment)
+            except PartError as error:
+                # First without it: this event is a moment, too.
+                self._listeners = tuple(each for each in self._listeners if each is not listener)
+                self.logs.recorder.event(self._clock.now_s(), Event.LISTENER_FAILED, error)
 
     def _emit_status(self, loop: GazeLoop, smoother: Smoother, index: int | None, now_s: float) -> None:
         """Emit counts and joints four times a second, between two plans; without an index at once."""

@@ -65,16 +65,19 @@ def boundary(part: object, method: str) -> Iterator[None]:
         method: The method that is called.
 
     Raises:
-        PartError: In place of any other exception, also of `SystemExit`; but not of an interrupt.
+        PartError: In place of any other exception, also of `SystemExit`; but not of an interrupt in the main thread,
+            the only one that receives Ctrl-C.
     """
     thread, call = threading.get_ident(), Call(f"{class_of(part)}.{method}()", time.perf_counter())
     outer = _under_way.get(thread)
     _under_way[thread] = call
     try:
         yield
-    except (KeyboardInterrupt, PartError):
+    except PartError:
         raise
     except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+            raise
         raise PartError(call.name, error) from error
     finally:
         took_s = time.perf_counter() - call.began_s

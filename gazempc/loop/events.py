@@ -43,6 +43,7 @@ class Event(StrEnum):
         "plan_out_of_range",
         "the plan has an angle beyond two turns or a velocity over 1000 rad/s; the last plan is used further",
     )
+    LISTENER_FAILED = "listener_failed", "a listener raised an exception; it gets no more moments"
     PART_SLOW = "part_slow", "a call of a part takes over 0.1 s; the last plan is followed, then the neck brakes"
     LATE_PLAN = (
         "late_plan",

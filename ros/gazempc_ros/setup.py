@@ -1,4 +1,4 @@
-"""The ament_python package `gazempc_ros`; `pip install gazempc` comes first."""
+"""The ament_python package `gazempc_ros`; gazempc is installed first, see docs/ros2.md."""
 
 from pathlib import Path
 

@@ -51,6 +51,15 @@ def test_a_second_run_does_only_what_failed(first):
     assert again[6]["failed"] == rows[6]["failed"]
 
 
+@pytest.mark.slow
+def test_before_many_jobs_their_time_is_estimated(tmp_path, capsys):
+    jobs = [Tiny(k) for k in range(1100)]
+    with Engine(tmp_path, jobs=2) as engine:
+        rows = engine.run(jobs)
+    assert [row["square"] for row in rows] == [k * k for k in range(1100)]
+    assert "1100 runs to do: about" in capsys.readouterr().err
+
+
 def test_a_worker_that_dies_is_said_and_the_rest_is_kept(tmp_path):
     with Engine(tmp_path, jobs=1) as engine:
         engine.run([Tiny(1), Tiny(2)])

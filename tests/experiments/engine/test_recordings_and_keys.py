@@ -26,6 +26,8 @@ def test_folders_that_are_recordings_are_found_as_such(tmp_path):
         find_recordings([str(tmp_path / "empty")])
     with pytest.raises(GazempcError, match=r"perhaps you meant 'synthetic'[\s\S]*none\.csv"):
         find_recordings(["syntetic", str(tmp_path / "none.csv")])
+    with pytest.raises(GazempcError, match="perhaps you meant 'subject03_R4'; accepted: everyday, synthetic, a syn"):
+        find_recordings(["subject3_R4"])
 
 
 def test_a_result_depends_on_the_saved_columns_and_on_all_files_of_a_folder(tmp_path):

@@ -16,6 +16,7 @@ def told(rate_hz, found, search_s, seconds=12.0):
     ("rate_hz", "found", "search_s", "cause"),
     [
         (3, lambda k: True, 0.03, "camera or video give 3.0 pictures a second"),
+        (4, lambda k: True, 0.18, "the search takes 180 ms a picture"),  # a busy computer
         (3, lambda k: True, 0.30, "the search takes 300 ms a picture"),
         (30, lambda k: k % 10 == 0, 0.03, " % of 30 pictures a second"),
         (30, lambda k: k % 30 < 3, 0.03, None),  # three in a row, then none: their intervals are short

@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import sys
 
 import numpy as np
 import pytest
@@ -26,6 +27,27 @@ def test_it_forecasts_and_raises_as_it_does_here():
     times_s = np.array([0.3, 0.6])
     np.testing.assert_array_equal(there.forecast(times_s).means_base_m, here.forecast(times_s).means_base_m)
     assert there.rejections_in_a_row == here.rejections_in_a_row
+
+
+class Exits(ConstantVelocity):
+    """Calls sys.exit once."""
+
+    forecasts = 0
+
+    def forecast(self, times_s):
+        self.forecasts += 1
+        if self.forecasts == 1:
+            sys.exit("bye")
+        return super().forecast(times_s)
+
+
+@pytest.mark.slow
+def test_sys_exit_there_is_raised_here_and_the_process_goes_on():
+    there = IsolatedPredictor(Exits)
+    there.update(seen(0.0))
+    with pytest.raises(SystemExit, match="bye"):
+        there.forecast([0.3])
+    assert there.forecast([0.3]).means_base_m.shape == (1, 3)
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from predictors import HeadObservation
 
 _WINDOW_S, _LEAST_PICTURES, _LEAST_FACES = 4.0, 4, 3
 # The search takes nearly all of the time between two pictures.
-_BUSY = 0.8
+_BUSY = 0.6
 
 
 class FaceRate:
@@ -71,8 +71,8 @@ class FaceRate:
                 f"searched; {below}: a faster or less busy computer"
             )
         return (
-            f"camera or video give {rate_hz:.1f} pictures a second; {below}: a larger --camera.fps, or more light, "
-            "as many cameras slow down in the dark"
+            f"camera or video give {rate_hz:.1f} pictures a second; {below}: a video with more pictures a second; of "
+            "a camera a larger --camera.fps, or more light, as many slow down in the dark"
         )
 
 
