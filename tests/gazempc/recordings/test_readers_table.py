@@ -101,6 +101,13 @@ def test_heads_in_another_unit_or_with_another_axis_up_are_refused(
     assert_refused(write_rows(tmp_path / "a.csv", heads(t, factor * head_m[:, order])), *named)
 
 
+def test_a_thousand_frames_a_second_with_unix_times_are_read(tmp_path: Path) -> None:
+    """The spacing of double-precision numbers at 1.7e9 is 2.4e-7."""
+    t = 1_700_000_000.0 + np.arange(2000) / 1000.0
+    head_m = np.column_stack([1.2 * (t - t[0]), np.zeros(2000), np.full(2000, 1.7)])
+    assert load(write_rows(tmp_path / "fast.csv", heads(t, head_m))).times_s.size == 2000
+
+
 def _set(row: int, column: str, text: str) -> Callable[[Rows], None]:
     def change(rows: Rows) -> None:
         rows[row - 1][COLUMNS.index(column)] = text
