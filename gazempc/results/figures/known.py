@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gazempc.files.whole import naming
 from gazempc.neck.kinematics import gaze_ray, head_angles_rad
 from gazempc.recordings.recording import truth_of
 from gazempc.results.contact import CONTACT_DEG
@@ -168,7 +169,8 @@ def finish(figure: Figure, logs: Logs, path: Path) -> None:
     """
     lines = filter(None, (recording_title(logs), setup_title(logs), known_title(logs)))
     figure.suptitle("\n".join(lines), fontsize="medium")
-    figure.savefig(path, dpi=DPI)
+    with naming(path):
+        figure.savefig(path, dpi=DPI)
 
 
 def _alone(known: BoolArray) -> BoolArray:

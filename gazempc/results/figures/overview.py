@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 
+from gazempc.files.whole import naming
 from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.figures import known, people, style
 from gazempc.results.figures.birds_eye import draw_birds_eye
@@ -159,7 +160,8 @@ def overview(logs: Logs, path: Path) -> None:
         joint = "; " if sum(map(len, about)) < _LONGEST_TITLE else "\n"
         titles = filter(None, (people.question(logs), joint.join(about), known.known_title(logs)))
         figure.suptitle("\n".join(titles))
-        figure.savefig(path, dpi=style.DPI)
+        with naming(path):
+            figure.savefig(path, dpi=style.DPI)
 
 
 def _time_lines(logs: Logs) -> dict[str, Log]:

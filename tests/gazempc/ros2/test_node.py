@@ -256,7 +256,7 @@ def test_a_controller_that_comes_back_leads_the_joints_to_the_command_within_the
 def test_a_quality_of_service_that_does_not_fit_is_described(node):
     volatile = node.publication("/list", STRING)
     kept = node.subscription("/list", STRING, latched=True)
-    wait_for(lambda: "/list" in kept.described and "quality of service" in kept.described)
+    wait_for(lambda: "quality of service" in kept.described)
     assert kept.senders == ()
     assert volatile.has_listeners is False
     plain = node.subscription("/list", STRING)

@@ -123,7 +123,10 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         assert driver.find_element("id", "latency").text == "87 ms"
         assert driver.find_element("id", "joints").text.count("°") == 4
         assert driver.find_element("id", "camera").is_displayed()
-        assert driver.execute_script("return document.getElementById('picture').naturalWidth") == 1
+        until_s = time.monotonic() + 20.0  # the browser decodes the picture beside the page
+        while driver.execute_script("return document.getElementById('picture').naturalWidth") != 1:
+            assert time.monotonic() < until_s
+            time.sleep(0.02)
         for canvas in ("above", "eye", "errors", "times"):
             assert drawn(driver, canvas) > 500, canvas
         # It fits a phone.
