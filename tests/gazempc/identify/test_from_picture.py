@@ -5,9 +5,9 @@ import datetime
 import numpy as np
 import pytest
 
-from gazempc.identify.from_picture import TurnedAxis, neck_toml, option_words, table
 from gazempc.identify.identify import main
 from gazempc.identify.new_neck import as_toml
+from gazempc.identify.turned_axes import TurnedAxis, neck_toml, option_words, table
 from gazempc.identify.turning import Interval, TurnEstimate
 from gazempc.neck.spec import load_neck
 from gazempc.neck.speed_steps import SpeedSteps

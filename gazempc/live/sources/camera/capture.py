@@ -63,10 +63,7 @@ _PLAIN_PASSWORD = re.compile(r"://[^/@\s:]*:[^/@\s$][^/@\s]*@")
 
 
 def check_address(address: str) -> None:
-    """Refuse an address with a password: it would be in the log, the report and the list of processes.
-
-    Args:
-        address: Of a camera or stream.
+    """Refuse the address of a stream with a password: it would be in the log, the report and the list of processes.
 
     Raises:
         SourceError: If it has one that is not the name of an environment variable.

@@ -26,7 +26,7 @@ from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
 from predictors import HeadObservation
 
 _WINDOW_S, _LEAST_PICTURES, _LEAST_FACES = 4.0, 4, 3
-# The search takes nearly all of the time between two pictures.
+# The search takes most of the time between two pictures; on a busy computer decoding takes the rest.
 _BUSY = 0.6
 
 
