@@ -1,7 +1,9 @@
 """Fixtures that several test modules share."""
 
+import fcntl
 import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 # One numerical thread a process, before NumPy is loaded: the matrices are small, and the tests' processes are the
@@ -44,6 +46,14 @@ def tracks_dir() -> Path:
 def bags_dir() -> Path:
     """Folder with ROS 2 bags of a real face tracker, which are not part of the project."""
     return _there("the real bags", BAGS, "GAZEMPC_BAGS", "README.md")
+
+
+@pytest.fixture
+def real_time(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Holds a lock: two searches for faces in pictures rendered on the fly would each miss the frame rate they need."""
+    with (tmp_path_factory.getbasetemp().parent / "real_time.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _there(what: str, folder: Path, variable: str, sign: str = "index.csv") -> Path:
