@@ -84,6 +84,13 @@ def test_a_person_keeps_the_name_while_walking_and_while_the_camera_turns(faces,
             assert found[0].face.box_px[:2] == pytest.approx(faces.here[0][:2])
 
 
+def test_on_a_slow_computer_a_person_keeps_the_name(faces, finder):
+    for k in range(12):
+        faces.here = [(200 + 4 * k, 200, 60)]
+        found = finder.see(PICTURE, 1.5 * k)
+    assert names(found) == ["1"]
+
+
 def test_two_people_who_pass_each_other_keep_their_names(faces, finder):
     for k in range(60):
         faces.here = [(100 + 6 * k, 200, 40), (500 - 6 * k, 260, 60)]

@@ -35,7 +35,7 @@ _CONFIRMED_BY, _CONFIRMED_S = 3, 0.2
 _UNSURE_SCORE, _UNSURE_MIRRORED_SCORE = 0.5, 0.3
 # Farther than 8 m, with 640 pixels of 60 degrees: enlarged so much, noise looks like a face.
 _LEAST_PX = 12
-# As long as this a person keeps the name, and is looked for at the place.
+# As long as this a person keeps the name, and is looked for at the place; on a slow computer until the next picture.
 _REMEMBERED_S = 1.0
 # A face that is found again is the same one within this many of its widths, and this change of its width.
 _SAME_WIDTHS, _SAME_CHANGE = 3.0, 1.5
@@ -95,6 +95,7 @@ class FaceFinder:
         self._known: list[Followed] = []
         self._names = itertools.count(1)
         self._turn = 0
+        self._latest_s = -math.inf
 
     def see(self, picture: Any, time_s: float) -> list[Followed]:
         """Take one picture in.
@@ -106,7 +107,9 @@ class FaceFinder:
         Returns:
             Whose faces are in it.
         """
-        known = [k for k in self._known if time_s - k.seen_s <= _REMEMBERED_S]
+        since_s = min(time_s - _REMEMBERED_S, self._latest_s)
+        self._latest_s = time_s
+        known = [person for person in self._known if person.seen_s >= since_s]
         here: list[Followed] = []
         lost: list[Followed] = []
         for person in known:
