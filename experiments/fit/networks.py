@@ -19,7 +19,7 @@ from predictors.walker.network import (
     PLACES,
     WALKS,
     RegimeMotion,
-    regimes,
+    staying,
 )
 
 Float32Array = NDArray[np.float32]
@@ -117,7 +117,8 @@ def fit_networks(
             h = jnp.tanh(h @ w + b)
         answers = h @ layers[-1][0] + layers[-1][1]
         departures = answers[:, DEPARTURES].reshape(-1, KNOTS_S.size, 3) * scale
-        walks, stays = regimes(answers[:, WALKS], answers[:, PLACES], motion, xp=jnp)
+        walks = 1.0 / (1.0 + jnp.exp(-answers[:, WALKS]))
+        stays = staying(answers[:, PLACES], motion, xp=jnp)
         return walks[:, None, None] * departures + (1.0 - walks)[:, None, None] * stays
 
     def loss(layers: Any, batch: Any) -> Any:

@@ -61,32 +61,62 @@ class RegimeMotion:
         return KNOTS_S[:, None] * self.line_m_s[:, None, :]
 
 
+@dataclass(frozen=True)
+class Regimes:
+    """Answers of an ensemble: the motion of N people in the two regimes, before the decision between them.
+
+    The first axis counts the networks, first those asked as they are, then the mirrored ones.
+
+    Attributes:
+        walk_m: Departure from the line of a person who walks, shape (2 E, N, knots, 3), metres along, across and up.
+        stay_m: Of a person who stays, same shape.
+        logit: Evidence of a walk, shape (2 E, N): the logarithm of the odds.
+    """
+
+    walk_m: FloatArray
+    stay_m: FloatArray
+    logit: FloatArray
+
+    @property
+    def evidence(self) -> FloatArray:
+        """Mean logit of the ensemble, shape (N,)."""
+        evidence: FloatArray = np.add.reduce(self.logit, axis=0) / len(self.logit)
+        return evidence
+
+    def blended(self, other: Regimes, share: FloatArray) -> Regimes:
+        """Weighted mean with the answers of another ensemble.
+
+        Args:
+            other: The other answers.
+            share: Weight of these here, shape (N,), 0 to 1.
+        """
+        part = share[:, None, None]
+        return Regimes(
+            part * self.walk_m + (1.0 - part) * other.walk_m,
+            part * self.stay_m + (1.0 - part) * other.stay_m,
+            share * self.logit + (1.0 - share) * other.logit,
+        )
+
+
 class _Networks:
     """An ensemble of networks, evaluated together.
 
     Args:
         weights: One array a layer, shape (E, inputs, outputs).
         biases: One array a layer, shape (E, 1, outputs).
-        decision: Slope and threshold of the decision, see `WalkerModel`.
     """
 
-    def __init__(
-        self, weights: tuple[Float32Array, ...], biases: tuple[Float32Array, ...], decision: tuple[float, float]
-    ) -> None:
-        self._weights, self._biases, self._decision = weights, biases, decision
+    def __init__(self, weights: tuple[Float32Array, ...], biases: tuple[Float32Array, ...]) -> None:
+        self._weights, self._biases = weights, biases
         # All first layers have the same inputs: one product for the ensemble, most of the computation.
         self._first = np.concatenate(list(weights[0]), axis=1)
 
-    def __call__(self, network: FloatArray, motion: RegimeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def __call__(self, network: FloatArray, motion: RegimeMotion) -> Regimes:
         """Outputs of all networks for N inputs and their mirror images.
 
         Args:
             network: Inputs, shape (N, N_INPUTS).
             motion: Motion in the two regimes.
-
-        Returns:
-            Departures from the line, shape (2 E, N, knots, 3), metres; weight of walking, shape (2 E, N);
-            distance between walking and staying after 1 s, shape (2 E, N), metres.
         """
         ensemble, _, hidden = self._weights[0].shape
         questions = np.empty((2 * len(network), N_INPUTS), dtype=np.float32)
@@ -100,39 +130,29 @@ class _Networks:
         departures = answers[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3)
         departures[:, 1] *= _MIRRORED
         departures *= DEPARTURE_SCALE_M[:, None]
-        walks, stays = regimes(answers[..., WALKS], answers[..., PLACES], motion, self._decision)
-        apart = departures - stays
-        far = np.sqrt(np.einsum("...i,...i->...", apart[..., _FAR, :2], apart[..., _FAR, :2]))
-        apart *= walks[..., None, None]
-        apart += stays
-        n = 2 * ensemble
-        shape = (n, len(network), KNOTS_S.size, 3)
-        return apart.reshape(shape), walks.reshape(n, -1), far.reshape(n, -1)
+        shape = (2 * ensemble, len(network), KNOTS_S.size, 3)
+        stays = staying(answers[..., PLACES], motion)
+        return Regimes(departures.reshape(shape), stays.reshape(shape), answers[..., WALKS].reshape(shape[:2]))
 
 
-def regimes(
-    walks: Any, places: Any, motion: RegimeMotion, decision: tuple[float, float] = (1.0, 0.0), xp: Any = np
-) -> tuple[Any, Any]:
-    """Weight of walking, and departure from the line in the regime of staying.
+def staying(places: Any, motion: RegimeMotion, xp: Any = np) -> Any:
+    """Departure from the line in the regime of staying.
 
     Args:
-        walks: Logits of walking, shape (..., N).
         places: Logits of the places to stay at, shape (..., N, N_PLACES).
         motion: Motion in the two regimes.
-        decision: Slope and threshold of the decision, see `WalkerModel`.
         xp: numpy, or jax.numpy where the networks are fitted.
 
     Returns:
-        Weight of walking, shape (..., N), and departure of staying, shape (..., N, knots, 3): an exponential return
-        from the newest position to a weighted mean of the places.
+        Shape (..., N, knots, 3), metres: an exponential return from the newest position to a weighted mean of the
+        places.
     """
-    slope, threshold = decision
     share = xp.exp(places - places.max(axis=-1, keepdims=True))
     share = share / share.sum(axis=-1, keepdims=True)
     newest_m = motion.places_m[:, 0]
     back_m = xp.einsum("...np,npi->...ni", share, motion.places_m) - newest_m
     stays_m = newest_m[:, None, :] + _RETURNED[:, None] * back_m[..., None, :]
-    return 1.0 / (1.0 + xp.exp(slope * (threshold - walks))), stays_m - motion.walked_m
+    return stays_m - motion.walked_m
 
 
 @dataclass(frozen=True)
@@ -206,50 +226,64 @@ class WalkerModel:
 
     @cached_property
     def _seeing(self) -> _Networks:
-        return _Networks(self.weights, self.biases, self.decision)
+        return _Networks(self.weights, self.biases)
 
     @cached_property
     def _blind(self) -> _Networks:
-        return _Networks(self.blind_weights, self.blind_biases, self.decision)
+        return _Networks(self.blind_weights, self.blind_biases)
 
-    def answer(self, network: FloatArray, spread: FloatArray, motion: RegimeMotion) -> tuple[FloatArray, FloatArray]:
-        """Departures from the lines, and the features of their spread.
+    def regimes(self, network: FloatArray, motion: RegimeMotion) -> Regimes:
+        """Motion in the two regimes, and the evidence of a walk.
 
-        Each network gives a walk, a place of staying and the probability of walking; its forecast is the mean of both
-        regimes under this probability. Each input is evaluated with its mirror image, so the model is symmetric in left
-        and right. Tracks without any orientation have networks of their own, blended by the weight of the orientation.
+        Each input is evaluated with its mirror image, so the model is symmetric in left and right. Tracks without any
+        orientation have networks of their own, blended by the weight of the orientation.
 
         Args:
             network: Inputs of the network, shape (N, N_INPUTS).
-            spread: Inputs of the uncertainty, shape (N, N_SPREAD).
             motion: Motion in the two regimes.
-
-        Returns:
-            Departures, mean over the ensemble and both questions, shape (N, knots, 3), metres along, across and up.
-            Features for `spread_m`, shape (N, N_DOUBT): the given ones, the size of the departure, the disagreement of
-            the networks, the distance between the two regimes, and the probability of walking.
         """
         seen = np.maximum.reduce(network[:, KNOWN], axis=1)
         if np.minimum.reduce(seen, initial=1.0) == 1.0:
-            answers, walks, far = self._seeing(network, motion)
-        elif np.maximum.reduce(seen, initial=0.0) == 0.0:
-            answers, walks, far = self._blind(network, motion)
-        else:
-            seeing, blind = self._seeing(network, motion), self._blind(network, motion)
-            answers = seen[:, None, None] * seeing[0] + (1.0 - seen[:, None, None]) * blind[0]
-            walks, far = (seen * s + (1.0 - seen) * b for s, b in zip(seeing[1:], blind[1:], strict=True))
+            return self._seeing(network, motion)
+        if np.maximum.reduce(seen, initial=0.0) == 0.0:
+            return self._blind(network, motion)
+        return self._seeing(network, motion).blended(self._blind(network, motion), seen)
+
+    def answer(
+        self, regimes: Regimes, spread: FloatArray, evidence: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Departures from the lines, and the features of their spread.
+
+        The forecast is the mean of both regimes under the probability of walking.
+
+        Args:
+            regimes: Answers of the networks.
+            spread: Inputs of the uncertainty, shape (N, N_SPREAD).
+            evidence: Filtered evidence of a walk in place of the networks' mean, shape (N,).
+
+        Returns:
+            Departures, mean over the ensemble, shape (N, knots, 3), metres along, across and up. Features for
+            `spread_m`, shape (N, N_DOUBT): the given ones, the size of the departure, the disagreement of the networks,
+            the distance between the two regimes, and the probability of walking.
+        """
+        slope, threshold = self.decision
+        shift = 0.0 if evidence is None else evidence - regimes.evidence
+        walks = 1.0 / (1.0 + np.exp(slope * (threshold - regimes.logit - shift)))
+        apart = regimes.walk_m - regimes.stay_m
+        far = np.sqrt(np.einsum("...i,...i->...", apart[..., _FAR, :2], apart[..., _FAR, :2]))
+        answers = regimes.stay_m + walks[..., None, None] * apart
         n = len(answers)
         departure = np.add.reduce(answers, axis=0) / n
         # Disagreement in the horizontal plane, where turns are.
         off = answers[:, :, _FAR, :2] - departure[:, _FAR, :2]
-        apart = np.sqrt(np.einsum("eni,eni->n", off, off) / n)
+        disagreement = np.sqrt(np.einsum("eni,eni->n", off, off) / n)
         torn = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far**2, axis=0) / n)
-        doubt = np.empty((len(network), N_DOUBT))
+        doubt = np.empty((len(spread), N_DOUBT))
         doubt[:, :N_SPREAD] = spread
         size = doubt[:, N_SPREAD : N_SPREAD + 3]
         size[:, :2], size[:, 2] = departure[:, _NEAR : _FAR + 1 : _FAR - _NEAR, 1], departure[:, _FAR, 0]
         np.minimum(np.abs(size) / _USUAL_DEPARTURE_M, 4.0, out=size)
-        doubt[:, -3] = np.log1p(apart / _USUAL_DISAGREEMENT_M)
+        doubt[:, -3] = np.log1p(disagreement / _USUAL_DISAGREEMENT_M)
         doubt[:, -2] = np.log1p(torn / _USUAL_DISAGREEMENT_M)
         doubt[:, -1] = np.add.reduce(walks, axis=0) / n
         return departure, doubt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
@@ -13,7 +14,7 @@ from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.model_file import shipped_walker_model
-from predictors.walker.network import RegimeMotion, WalkerModel
+from predictors.walker.network import RegimeMotion, Regimes, WalkerModel
 from predictors.walker.noise import MeasuredNoise
 from predictors.walker.range_error import MeasuredRange
 
@@ -23,6 +24,8 @@ _GAIT_M2 = 0.02**2 * np.eye(3)
 _AGAIN_FRAMES = 36
 # Larger by 50 mm and by a factor of two in standard deviation: at most four repetitions a track.
 _WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
+# Time constant of the low-pass filter of the evidence of a walk, seconds.
+_EVIDENCE_S = 0.1
 
 
 class Walker:
@@ -55,6 +58,8 @@ class Walker:
     def _forget(self) -> None:
         self._history, self._noise = WalkerHistory(), MeasuredNoise()
         self._inputs: WalkerInputs | None = None
+        self._regimes: Regimes | None = None
+        self._evidence: FloatArray | None = None
         self._knots: BetweenKnots | None = None
 
     def reset(self) -> None:
@@ -99,9 +104,24 @@ class Walker:
         for earlier in taken[:-1]:  # of a candidate that has just become the track
             window.add(earlier, noise_m2(earlier, measured_m2))
         _, state, _ = self._position.state()
+        last_s = None if self._inputs is None else self._inputs.line.time_s
         self._inputs = self._history.add(taken[-1], state, noise_m2(taken[-1], measured_m2))
+        self._weigh(self._inputs, last_s)
         self._noise.learn(window.times_s, window.values[:, :3])
         self._knots = None
+
+    def _weigh(self, inputs: WalkerInputs, last_s: float | None) -> None:
+        """Ask the networks, and filter the evidence of a walk over time."""
+        if inputs.on_foot == 0.0:  # a first frame has no direction to be seen in
+            return
+        motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
+        self._regimes = self._model.regimes(inputs.network[None], motion)
+        evidence = self._regimes.evidence
+        if self._evidence is None or last_s is None:
+            self._evidence = evidence
+        else:
+            gain = -math.expm1((last_s - inputs.line.time_s) / _EVIDENCE_S)
+            self._evidence = self._evidence + gain * (evidence - self._evidence)
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the network, for fitting one.
@@ -127,8 +147,8 @@ class Walker:
             return self._position.forecast(times_s)
         times = as_times(times_s)
         if self._knots is None:
-            motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
-            departures, doubt = self._model.answer(inputs.network[None], inputs.spread[None], motion)
+            assert self._regimes is not None
+            departures, doubt = self._model.answer(self._regimes, inputs.spread[None], self._evidence)
             to_base = inputs.line.to_base()
             # Outer products of the axes of the line's frame, weighted by the variances along them.
             self._squares = np.empty((4, 9))

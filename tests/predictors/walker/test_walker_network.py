@@ -40,35 +40,36 @@ def layers(weights, biases, inputs):
     return np.array(found)
 
 
-def mixture(outputs, motion):
-    """Departures of the mean of both regimes, probability of walking, and how far they lie apart after 1 s."""
+def parts_of(outputs, motion):
+    """Departures of a walk, those of staying, and logits of walking."""
     assert outputs.shape[-1] == N_OUTPUTS
     k = 3 * KNOTS_S.size
     departures = outputs[..., :k].reshape(*outputs.shape[:-1], KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
-    walks = 1.0 / (1.0 + np.exp(-outputs[..., k]))
     shares = np.exp(outputs[..., k + 1 :])
     stay_m = np.einsum("enp,npi->eni", shares / shares.sum(axis=-1, keepdims=True), motion.places_m)
     newest_m, returned = motion.places_m[:, :1], 1.0 - np.exp(-KNOTS_S / 0.5)[:, None]
     at_m = newest_m + returned * (stay_m[..., None, :] - newest_m)
-    stays = at_m - KNOTS_S[:, None] * motion.line_m_s[:, None, :]
-    far = np.linalg.norm((departures - stays)[..., np.flatnonzero(KNOTS_S == 1.0)[0], :2], axis=-1)
-    return walks[..., None, None] * departures + (1.0 - walks)[..., None, None] * stays, walks, far
+    return departures, at_m - KNOTS_S[:, None] * motion.line_m_s[:, None, :], outputs[..., k]
 
 
 @pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
-def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known):
+@pytest.mark.parametrize("evidence", [None, 0.7])
+def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known, evidence):
     """Of the networks for tracks with an orientation, of those without, or of both where it fades out."""
     model, (x, spread, motion) = random_model(), rows(5)
     x[:, KNOWN] = known
     mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
-    pairs = (model.weights, model.biases), (model.blind_weights, model.blind_biases)
-    parts = []
-    for pair in pairs:
-        own, other = mixture(layers(*pair, x), motion), mixture(layers(*pair, x * MIRROR), mirrored)
-        pairs_of_parts = zip(own, (other[0] * [1, -1, 1], *other[1:]), strict=True)
-        parts.append([np.concatenate(pair_of_parts) for pair_of_parts in pairs_of_parts])
-    answers, walks, far = (max(known) * a + (1.0 - max(known)) * b for a, b in zip(*parts, strict=True))
-    departure, doubt = model.answer(x, spread, motion)
+    ensembles = []
+    for pair in ((model.weights, model.biases), (model.blind_weights, model.blind_biases)):
+        own, other = parts_of(layers(*pair, x), motion), parts_of(layers(*pair, x * MIRROR), mirrored)
+        pairs_of_parts = zip(own, (other[0] * [1, -1, 1], other[1] * [1, -1, 1], other[2]), strict=True)
+        ensembles.append([np.concatenate(pair_of_parts) for pair_of_parts in pairs_of_parts])
+    walk, stay, logit = (max(known) * a + (1.0 - max(known)) * b for a, b in zip(*ensembles, strict=True))
+    if evidence is not None:
+        logit = logit - logit.mean(axis=0) + evidence
+    walks = 1.0 / (1.0 + np.exp(-logit))
+    answers = walks[..., None, None] * walk + (1.0 - walks)[..., None, None] * stay
+    departure, doubt = model.answer(model.regimes(x, motion), spread, evidence and np.full(5, evidence))
     np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
     np.testing.assert_array_equal(doubt[:, :N_SPREAD], spread)
     knots = [int(np.flatnonzero(h == KNOTS_S)[0]) for h in (0.5, 1.0)]
@@ -81,6 +82,7 @@ def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known
     off = (answers - answers.mean(axis=0))[:, :, knots[1], :2]
     apart = np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=0))
     np.testing.assert_allclose(doubt[:, -3], np.log1p(apart / 0.02), atol=1e-5)
+    far = np.linalg.norm((walk - stay)[:, :, knots[1], :2], axis=-1)
     torn = np.sqrt(np.mean(walks * (1.0 - walks) * far**2, axis=0))
     np.testing.assert_allclose(doubt[:, -2], np.log1p(torn / 0.02), atol=1e-5)
     np.testing.assert_allclose(doubt[:, -1], walks.mean(axis=0), atol=1e-6)
@@ -89,7 +91,8 @@ def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known
 def test_a_mirrored_question_has_the_mirrored_answer_and_as_much_doubt():
     model, (x, spread, motion) = random_model(), rows(4)
     mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
-    (a, doubt_a), (b, doubt_b) = model.answer(x, spread, motion), model.answer(x * MIRROR, spread, mirrored)
+    a, doubt_a = model.answer(model.regimes(x, motion), spread)
+    b, doubt_b = model.answer(model.regimes(x * MIRROR, mirrored), spread)
     np.testing.assert_allclose(b, a * [1, -1, 1], atol=1e-6)
     np.testing.assert_allclose(doubt_b, doubt_a, atol=1e-5)
 

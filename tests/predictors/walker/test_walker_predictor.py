@@ -124,15 +124,22 @@ def test_without_a_stated_covariance_the_measured_one_is_the_filter_s():
 
 
 def test_blend_is_the_mixture_of_both_forecasts():
-    """Mean and covariance of a two-part mixture, from moments."""
+    """Mean and covariance of a two-part mixture, from moments; the evidence of a walk is low-pass filtered (0.1 s)."""
     walker, cv, model = Walker(random_model()), ConstantVelocity(), random_model()
-    end_s = shown(walking_at(2.6), walker, cv)
-    inputs = walker.inputs()
+    evidence = None
+    for observation in walking_at(2.6):
+        end_s = shown([observation], walker, cv)
+        inputs = walker.inputs()
+        if inputs.on_foot > 0.0:
+            motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
+            newest = model.regimes(inputs.network[None], motion).evidence
+            evidence = newest if evidence is None else newest + np.exp(-1 / 30 / 0.1) * (evidence - newest)
     share = inputs.on_foot
     assert 0.2 < share < 0.8
     mixed, plain = walker.forecast([end_s + 0.5]), cv.forecast([end_s + 0.5])
     motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
-    departures, doubt = model.answer(inputs.network[None], inputs.spread[None], motion)
+    regimes = model.regimes(inputs.network[None], motion)
+    departures, doubt = model.answer(regimes, inputs.spread[None], evidence)
     departure, sd = BetweenKnots(departures[0], model.spread_m(doubt)[0])(np.array([0.5]))
     turn = inputs.line.to_base()
     own = inputs.line.origin_base_m + 0.5 * inputs.line.velocity_base_m_s + turn @ departure[0]

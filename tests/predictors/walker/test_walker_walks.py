@@ -90,7 +90,7 @@ def test_a_higher_threshold_answers_a_start_later():
     shipped = shipped_walker_model()
     observations = [s.observation for s in observe(load("subject03_start"), load_sensor("reference"), 0)]
     first_s = []
-    for threshold in (-1.0, 3.0, 20.0):
+    for threshold in (-1.0, 2.0, 20.0):
         walker = Walker(dataclasses.replace(shipped, decision=(shipped.decision[0], threshold)))
         led_s = []
         for observation in observations:
