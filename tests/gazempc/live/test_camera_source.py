@@ -25,7 +25,7 @@ from gazempc.results.log_files import load_log
 # No test waits so long; without it one that hangs would never end.
 FOREVER_S = 240.0
 # A busy machine searches late.
-PATIENT = "--loop.stale-after-s 5 --loop.lost-after-s 8 --loop.rest-after-s 20".split()
+PATIENT = ["--loop.stale-after-s", "5", "--loop.lost-after-s", "8", "--loop.rest-after-s", "20"]
 
 WITH_HERE = os.environ | {"PYTHONPATH": os.pathsep.join(["", str(Path(__file__).parents[3])])}
 
