@@ -1,24 +1,22 @@
 """A long live run on the real clock: `python -m benchmarks.soak`.
 
 A synthetic person walks past again and again. The loop plans in the background and commands a simulated neck, as
-`gazempc live` does, and writes its logs to a temporary folder. Reported: lateness of ticks, skipped ticks, time from
-capture to command, load of a processor core, memory after the first minute and at the end, and violated limits.
+`gazempc live` does, and writes its logs to a temporary folder. Reported: lateness
+of ticks, skipped ticks, load of a processor core, memory after the first minute and at the end, and violated limits.
 Lateness depends on the machine and on its other work.
 """
 
 from __future__ import annotations
 
 import gc
-import json
 import os
 import sys
 import tempfile
 import threading
 import time
-from collections import deque
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import tyro
@@ -45,13 +43,12 @@ def rss_mib() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2.0**20
 
 
-def soak(minutes: float, neck: NeckSpec, log_s: float) -> dict[str, Any]:
+def soak(minutes: float, neck: NeckSpec) -> dict[str, Any]:
     """Run for some minutes.
 
     Args:
         minutes: Duration.
         neck: The neck, with its rates.
-        log_s: Length of a log, seconds.
 
     Returns:
         The figures.
@@ -63,10 +60,9 @@ def soak(minutes: float, neck: NeckSpec, log_s: float) -> dict[str, Any]:
         neck=neck,
         controller=make_controller("mpc", neck, ReplaySettings(), {}),
         robot=SimulatedNeck(neck, neck.rest_rad, setup.clock.now_s),
-        log_s=log_s,
+        log_s=60.0,
     )
     violations: list[int] = []
-    latency_ms: deque[float] = deque(maxlen=180_000)  # of about an hour
     used: list[tuple[float, float]] = []
     ended = threading.Event()
     with tempfile.TemporaryDirectory() as folder:
@@ -75,7 +71,6 @@ def soak(minutes: float, neck: NeckSpec, log_s: float) -> dict[str, Any]:
             log.save(Path(folder) / "log.npz")
             times.save(Path(folder) / "compute.npz")
             violations.append(limit_violations(log, neck) if log.time_s.size > 3 else 0)
-            latency_ms.extend(times.latency_ms.tolist())
 
         run, started_s, cpu_s = LiveRun(setup, keep), time.monotonic(), time.process_time()
 
@@ -98,41 +93,27 @@ def soak(minutes: float, neck: NeckSpec, log_s: float) -> dict[str, Any]:
     return {
         "minutes": minutes,
         "rate_hz": neck.servo_rate_hz,
-        "logs": len(violations),
         "ticks": report.ticks,
         "skipped_ticks": report.skipped_ticks,
         "lateness_ms": {"p50": late.percentile_ms(50), "p99": late.percentile_ms(99), "max": late.max_ms},
-        # Higher percentiles are those of the pauses between two passes.
-        "end_to_end_latency_ms": {"p50": float(np.median(latency_ms))},
         "core_percent": core_percent,
         "rss_mib": {"after_first_minute": warm[0, 1], "end": used[-1][1], "max": warm[:, 1].max()},
-        # By least squares, of a run that is long enough.
-        "growth_mib_per_min": 60.0 * float(np.polyfit(warm[:, 0], warm[:, 1], 1)[0]) if minutes > 1.5 else None,
         "limit_violations": sum(violations),
     }
 
 
-def main(
-    minutes: float = 10.0,
-    rate_hz: float = 100.0,
-    log_s: float = 60.0,
-    json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
-) -> None:
+def main(minutes: float = 10.0, rate_hz: float = 100.0) -> None:
     """Run and print.
 
     Args:
         minutes: Duration.
         rate_hz: Commands a second; half as many plans.
-        log_s: Length of a log, seconds.
-        json_file: Where to save the figures.
     """
     neck = load_neck("reference").model_copy(update={"servo_rate_hz": rate_hz, "control_rate_hz": rate_hz / 2.0})
-    for name, value in (found := soak(minutes, neck, log_s)).items():
+    for name, value in soak(minutes, neck).items():
         values = value.items() if isinstance(value, dict) else [("", value)]
         shown = ", ".join(f"{key} {each:.4g}".strip() if isinstance(each, float) else str(each) for key, each in values)
         print(f"{name.replace('_', ' ')}: {shown}")
-    if json_file is not None:
-        json_file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,17 @@
 """How long one tick takes: `python -m benchmarks.step_time`.
 
 Each stage is timed in process CPU time over one replay's worth of calls on the synthetic walk subject03_R4. Absolute
-times depend on the machine; the last column is the ratio to a bare constant-velocity step of filterpy in the same run.
+times depend on the machine.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import tyro
-from filterpy.kalman import KalmanFilter
 
 from gazempc.controllers.controller import Controller, Situation
 from gazempc.controllers.lookahead import LookAhead
@@ -24,7 +24,6 @@ from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadPose, Predictor, Walker
-from predictors.constant_velocity import process_noise, transition
 
 
 def cpu_ms(call: Callable[[], object]) -> float:
@@ -34,52 +33,33 @@ def cpu_ms(call: Callable[[], object]) -> float:
     return 1e3 * (time.process_time() - started_s)
 
 
-def bare_kalman_step() -> list[float]:
-    """Predict and update by filterpy of a constant-velocity model, no gating, fixed matrices."""
-    kf = KalmanFilter(dim_x=6, dim_z=3)
-    kf.x = np.zeros(6)
-    kf.F, kf.Q = transition(1 / 30), process_noise(1 / 30, 0.05)
-    kf.H = np.hstack([np.eye(3), np.zeros((3, 3))])
-    z = np.array([2.0, 0.0, 0.4])
-
-    def step() -> None:
-        kf.predict()
-        kf.update(z)
-
-    return [cpu_ms(step) for _ in range(500)]
-
-
-def main(repeats: int = 3, horizons_s: tuple[float, ...] = (0.4, 0.8, 1.6)) -> None:
+def main(repeats: int = 3) -> None:
     """Time all stages and print a table.
 
     Args:
         repeats: How many times the walk is gone through.
-        horizons_s: Horizons of the MPC to show how its step grows.
     """
     neck = load_neck("reference")
     placed = place(load("subject03_R4"), "recorded", 2.5, 1.2)
     sightings = observe(placed, load_sensor("reference"), seed=0)
-    found: dict[str, list[float]] = {"filterpy constant velocity, bare": bare_kalman_step()}
-    controllers: dict[str, Controller] = {"reactive step": Reactive(neck), "look-ahead step": LookAhead(neck)}
-    for horizon_s in horizons_s:
-        controllers[f"MPC step, N = {round(horizon_s / neck.control_period_s)}"] = Mpc(neck, horizon_s)
+    controllers: dict[str, Controller] = {"reactive": Reactive(neck), "look-ahead": LookAhead(neck), "MPC": Mpc(neck)}
     ahead_s = np.linspace(0.4, 1.2, 40)
+    found: dict[str, list[float]] = {}
+
+    def timed(name: str, call: Callable[[], object]) -> float:
+        found.setdefault(name, []).append(cpu_ms(call))
+        return found[name][-1]
+
     for _ in range(repeats):
-        predictors: dict[str, Predictor] = {
-            "constant_velocity": ConstantVelocity(),
-            "head_pose": HeadPose(),
-            "walker": Walker(),
-        }
-        for name, predictor in predictors.items():
-            smoother = Smoother(neck, np.zeros(2))
+        predictors: tuple[Predictor, ...] = (HeadPose(), Walker(), ConstantVelocity())
+        for predictor in predictors:
+            smoother, name = Smoother(neck, np.zeros(2)), type(predictor).__name__
             for sighting in sightings:
                 observation, now_s = sighting.observation, sighting.arrival_s
-                update_ms = cpu_ms(lambda p=predictor, o=observation: p.update(o))  # type: ignore[misc]
-                forecast_ms = cpu_ms(lambda p=predictor, t=now_s: p.forecast(t + ahead_s))  # type: ignore[misc]
-                found.setdefault(f"{name}: update", []).append(update_ms)
-                found.setdefault(f"{name}: forecast, 40 points", []).append(forecast_ms)
+                update_ms = timed(f"{name}: update", partial(predictor.update, observation))
+                forecast_ms = timed(f"{name}: forecast, 40 points", partial(predictor.forecast, now_s + ahead_s))
                 found.setdefault(f"{name}: both", []).append(update_ms + forecast_ms)
-                if name != "constant_velocity":
+                if not isinstance(predictor, ConstantVelocity):
                     continue
                 for label, controller in controllers.items():
                     situation = Situation(
@@ -93,20 +73,13 @@ def main(repeats: int = 3, horizons_s: tuple[float, ...] = (0.4, 0.8, 1.6)) -> N
                         sent_rad=np.tile(smoother.command.position_rad, (100, 1)),
                         committed_rad=np.zeros((0, 2)),
                     )
-                    found.setdefault(label, []).append(
-                        cpu_ms(lambda c=controller, s=situation: c.plan(s))  # type: ignore[misc]
-                    )
+                    timed(f"{label}, one plan", partial(controller.plan, situation))
                     plan = controller.plan(situation)
                 for k in range(7):
-                    tick_s = now_s + k * neck.servo_period_s
-                    found.setdefault("smoother, one command", []).append(
-                        cpu_ms(lambda s=smoother, t=tick_s, p=plan: s.step(t, p))  # type: ignore[misc]
-                    )
-    unit = float(np.median(found["filterpy constant velocity, bare"]))
-    print(f"{'CPU time [ms]':<36}{'median':>9}{'p99':>9}{'calls':>8}{'ratio':>8}")
+                    timed("smoother, one command", partial(smoother.step, now_s + k * neck.servo_period_s, plan))
+    print(f"{'CPU time [ms]':<40}{'median':>9}{'p99':>9}{'calls':>8}")
     for name, values in found.items():
-        median = float(np.median(values))
-        print(f"{name:<36}{median:>9.3f}{np.percentile(values, 99):>9.3f}{len(values):>8}{median / unit:>8.1f}")
+        print(f"{name:<40}{np.median(values):>9.3f}{np.percentile(values, 99):>9.3f}{len(values):>8}")
 
 
 if __name__ == "__main__":

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from experiments.aggregate import COMPARED, DIFFERENCES, file_name, sensors_of
 from experiments.engine.job import Row
-from experiments.pages import count, failures, left_out, survived
+from experiments.pages import count, failures, left_out, survived, table_of, with_ends
 from experiments.plots import Plot, share_of_clips
 from gazempc.recordings.recording import truth_of
 from gazempc.results.figures.style import styles
@@ -152,33 +152,33 @@ def gaze_table(rows: list[Row], title: str = "") -> PageTable:
     has_kinds = any(r["kind"] != "all" for r in rows)
     # Without body and eyes, the head's acceleration is that of all joints.
     has_more = any(r["head_rms_acceleration_rad_s2"] != r["rms_acceleration_rad_s2"] for r in rows)
-    has_eyes = any(r["eye_eccentricity_p95_deg"] is not None for r in rows)
-    # Of people who start, and of people who stay on the spot.
-    has_starts, has_stays = (
-        any(r[name] is not None for r in rows) for name in ("time_from_start_to_contact_s", "false_starts_per_min")
-    )
-    columns = [
-        *("group", *(["kind"] if has_kinds else []), "clips", "people", "neck", "gaze", "filter and forecast"),
-        *("gaze error RMS [deg]", "eye contact 2.6 deg [%]", "gap closed", "RMS acceleration [rad/s^2]"),
-        *(["of the head [rad/s^2]"] if has_more else []),
-        *(["eyes aside, 95 % below [deg]"] if has_eyes else []),
-        *(["start to contact [s]"] if has_starts else []),
-        *(["false starts [1/min]"] if has_stays else []),
-    ]
-    lines = []
-    for r in rows:
-        cells = [
-            *(r["group"], *([r["kind"]] if has_kinds else []), str(r["n_clips"]), str(r["n_people"]), r["neck"]),
-            *(label(r["controller"]), r["predictor"]),
-            *(_cell(r, "gaze_error_rms_deg", 2), _cell(r, "eye_contact_2p6", 1, 100.0)),
-            *(_cell(r, "gap_closed", 3), _cell(r, "rms_acceleration_rad_s2", 2)),
-            *([_cell(r, "head_rms_acceleration_rad_s2", 2)] if has_more else []),
-            *([_cell(r, "eye_eccentricity_p95_deg", 1)] if has_eyes else []),
-            *([_cell(r, "time_from_start_to_contact_s", 2)] if has_starts else []),
-            *([_cell(r, "false_starts_per_min", 1)] if has_stays else []),
-        ]
-        lines.append(tuple(cells))
-    return PageTable(title, tuple(columns), tuple(lines))
+
+    def mean(name: str, form: str, factor: float = 1.0) -> Callable[[Row], str]:
+        return lambda r: with_ends(r[name], r[f"{name}_ci95"], form, factor)
+
+    columns: dict[str, Callable[[Row], str]] = {
+        "group": lambda r: r["group"],
+        **({"kind": lambda r: r["kind"]} if has_kinds else {}),
+        "clips": lambda r: str(r["n_clips"]),
+        "people": lambda r: str(r["n_people"]),
+        "neck": lambda r: r["neck"],
+        "gaze": lambda r: label(r["controller"]),
+        "filter and forecast": lambda r: r["predictor"],
+        "gaze error RMS [deg]": mean("gaze_error_rms_deg", ".2f"),
+        "eye contact 2.6 deg [%]": mean("eye_contact_2p6", ".1f", 100.0),
+        "gap closed": mean("gap_closed", ".3f"),
+        "RMS acceleration [rad/s^2]": mean("rms_acceleration_rad_s2", ".2f"),
+        **({"of the head [rad/s^2]": mean("head_rms_acceleration_rad_s2", ".2f")} if has_more else {}),
+    }
+    # Of eyes; of people who start, and of people who stay on the spot.
+    for heading, name, form in (
+        ("eyes aside, 95 % below [deg]", "eye_eccentricity_p95_deg", ".1f"),
+        ("start to contact [s]", "time_from_start_to_contact_s", ".2f"),
+        ("false starts [1/min]", "false_starts_per_min", ".1f"),
+    ):
+        if any(r[name] is not None for r in rows):
+            columns[heading] = mean(name, form)
+    return table_of(title, rows, columns)
 
 
 def difference_table(differences: list[Row], digits: int, title: str) -> PageTable:
@@ -192,33 +192,13 @@ def difference_table(differences: list[Row], digits: int, title: str) -> PageTab
     Returns:
         The table.
     """
-    columns = ("clips", "filter and forecast", "neck", "difference", "number of clips", "less in", "more in")
-    rows = tuple(
-        (
-            _clips(d),
-            d["predictor"],
-            d["neck"],
-            _interval(d, digits),
-            *(str(d[n]) for n in ("n_clips", "n_less", "n_more")),
-        )
-        for d in differences
-    )
-    return PageTable(title, columns, rows, "On the same clips; below 0 the MPC is better.")
-
-
-def _cell(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
-    if row[name] is None:
-        return "-"
-    text = f"{factor * row[name]:.{digits}f}"
-    if interval := row[f"{name}_ci95"]:
-        text += f" [{factor * interval[0]:.{digits}f}, {factor * interval[1]:.{digits}f}]"
-    return text
-
-
-def _clips(d: Row) -> str:
-    return str(d["group"] if d["kind"] == "all" else d["kind"])
-
-
-def _interval(d: Row, digits: int) -> str:
-    interval = f" [{d['ci95'][0]:+.{digits}f}, {d['ci95'][1]:+.{digits}f}]" if d["ci95"] else ""
-    return f"{d['difference']:+.{digits}f}{interval}"
+    columns: dict[str, Callable[[Row], str]] = {
+        "clips": lambda d: str(d["group"] if d["kind"] == "all" else d["kind"]),
+        "filter and forecast": lambda d: d["predictor"],
+        "neck": lambda d: d["neck"],
+        "difference": lambda d: with_ends(d["difference"], d["ci95"], f"+.{digits}f"),
+        "number of clips": lambda d: str(d["n_clips"]),
+        "less in": lambda d: str(d["n_less"]),
+        "more in": lambda d: str(d["n_more"]),
+    }
+    return table_of(title, differences, columns, "On the same clips; below 0 the MPC is better.")

@@ -11,14 +11,14 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
 from pydantic import BaseModel, ConfigDict, Field
+from scipy.stats import gmean
 
 from experiments.aggregate import GROUP_ORDER
 from experiments.engine.command import Command
@@ -32,6 +32,11 @@ HEAD = "head_rms_acceleration_rad_s2"
 ERROR, CONTACT = "gaze_error_rms_deg", "eye_contact_2p6"
 _METRICS = (SMOOTHNESS, ERROR, CONTACT)
 _RESAMPLES, _SEED = 500, 20210603
+# How the pairs of a front are averaged, and which is the worst.
+_COMPARED: Sequence[tuple[str, Callable[[Any], Any], Callable[[Any], float]]] = (
+    ("error_ratio", gmean, max),
+    ("contact_difference", np.mean, min),
+)
 Points = list[tuple[float, float]]
 
 
@@ -67,86 +72,50 @@ def at(points: Points, smoothness: float) -> float:
     return float(np.interp(smoothness, [p[0] for p in points], [p[1] for p in points]))
 
 
-@dataclass(frozen=True)
-class SweptGaze:
-    """What one gaze did, point by point of its sweep; clips are the same for all points.
-
-    Attributes:
-        clips: Whose clip each is, shape (C,).
-        values: Smoothness, error and contact of each point's clips, shape (P, 3, C).
-    """
-
-    clips: tuple[str, ...]
-    values: FloatArray
-
-    def means(self, weights: FloatArray) -> FloatArray:
-        """Weighed means over the clips, shape (P, 3)."""
-        means: FloatArray = self.values @ weights / weights.sum()
-        return means
-
-
-def gaze(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> SweptGaze:
-    """Collect the runs of one gaze.
+def measured(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> FloatArray:
+    """What one gaze did.
 
     Args:
-        rows: Its runs, with ``point``, ``recording``, ``subject`` and the three metrics.
+        rows: Its runs, with ``point``, ``recording`` and the three metrics.
         names: Recordings to take, each of which every point has.
 
     Returns:
-        What it did.
+        Smoothness, error and contact of each point's clips, shape (P, 3, C).
     """
     known = {(row["point"], row["recording"]): row for row in rows}
     points = sorted({row["point"] for row in rows})
-    values = [[[known[p, name][m] for name in names] for m in (SMOOTHNESS, ERROR, CONTACT)] for p in points]
-    return SweptGaze(tuple(known[points[0], name]["subject"] for name in names), np.array(values, dtype=np.float64))
+    return np.array([[[known[p, name][m] for name in names] for m in _METRICS] for p in points], dtype=np.float64)
 
 
-def gaps(ours: SweptGaze, rival: SweptGaze) -> dict[str, Any]:
+def gaps(ours: FloatArray, rival: FloatArray, people: Sequence[str]) -> dict[str, Any]:
     """Compare at every point of the rival's front that ours reaches.
 
     Args:
-        ours: A gaze.
-        rival: Another one on the same clips.
+        ours: What a gaze did, shape (P, 3, C).
+        rival: What another one did on the same clips, shape (Q, 3, C).
+        people: Whose clip each is, shape (C,).
 
     Returns:
         ``points`` of the rival's front that were compared; ``error_ratio`` and ``contact_difference``, means over
         these, each with ``_low`` and ``_high`` (95 %, people drawn anew; None with one person) and ``_worst``.
     """
-    people = sorted(set(ours.clips))
-    whose = np.array([people.index(person) for person in ours.clips])
-    found: dict[str, Any] = {"points": 0} | {
-        f"{name}{end}": None
-        for name in ("error_ratio", "contact_difference")
-        for end in ("", "_worst", "_low", "_high")
-    }
-    ratios, differences = _compared(ours, rival, np.ones(whose.size))
-    found |= {"points": len(ratios)}
-    if not ratios or not differences:
-        return found
-    found |= {"error_ratio": _mean_ratio(ratios), "error_ratio_worst": max(ratios)}
-    found |= {"contact_difference": float(np.mean(differences)), "contact_difference_worst": min(differences)}
-    if len(people) > 1:
-        draws = np.random.default_rng(_SEED).integers(len(people), size=(_RESAMPLES, len(people)))
-        weights = [np.bincount(draw, minlength=len(people))[whose].astype(np.float64) for draw in draws]
-        drawn = [_compared(ours, rival, each) for each in weights]
-        spreads = {
-            "error_ratio": [_mean_ratio(ratios) for ratios, _ in drawn if ratios],
-            "contact_difference": [float(np.mean(differences)) for _, differences in drawn if differences],
-        }
-        for name, values in spreads.items():
-            low, high = np.percentile(values, [2.5, 97.5])
-            found |= {f"{name}_low": float(low), f"{name}_high": float(high)}
+    names, whose = np.unique(people, return_inverse=True)
+    weights = [np.ones(whose.size)]
+    if len(names) > 1:
+        draws = np.random.default_rng(_SEED).integers(len(names), size=(_RESAMPLES, len(names)))
+        weights += [np.bincount(draw, minlength=len(names))[whose].astype(np.float64) for draw in draws]
+    compared = [_compared(ours, rival, each) for each in weights]
+    found: dict[str, Any] = {"points": len(compared[0][0])}
+    for k, (name, mean, worst) in enumerate(_COMPARED):
+        values, spread = compared[0][k], [float(mean(each[k])) for each in compared[1:] if each[k]]
+        found |= {name: float(mean(values)) if values else None, f"{name}_worst": worst(values) if values else None}
+        ends = np.percentile(spread, [2.5, 97.5]).tolist() if spread else [None, None]
+        found |= dict(zip((f"{name}_low", f"{name}_high"), ends, strict=True))
     return found
 
 
-def _mean_ratio(ratios: list[float]) -> float:
-    return float(np.exp(np.mean(np.log(ratios))))
-
-
-def _compared(ours: SweptGaze, rival: SweptGaze, weights: FloatArray) -> tuple[list[float], list[float]]:
-    if not weights.any():
-        return [], []
-    means = [each.means(weights) for each in (ours, rival)]
+def _compared(ours: FloatArray, rival: FloatArray, weights: FloatArray) -> tuple[list[float], list[float]]:
+    means = [values @ weights / weights.sum() for values in (ours, rival)]
 
     def pairs(column: int, sign: float) -> Points:
         mine, theirs = (front([(row[0], row[column]) for row in of.tolist()], sign) for of in means)
@@ -193,8 +162,10 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
         of = [[row for row in here if row["case"] == case] for case in (settings.case, settings.rival)]
         for group in (*(g for g in GROUP_ORDER if any(row["group"] == g for row in here)), "all"):
             names = _common([row for row in [*of[0], *of[1]] if group in {"all", row["group"]}])
-            gazes = [gaze(rows, names) for rows in of]
-            found.append(dict(zip(by, place, strict=True)) | {"group": group} | gaps(*gazes))
+            whose = {row["recording"]: row["subject"] for row in here}
+            ours, rival = (measured(rows, names) for rows in of)
+            compared = gaps(ours, rival, [whose[name] for name in names])
+            found.append(dict(zip(by, place, strict=True)) | {"group": group} | compared)
     write_whole(settings.sweep / "fronts.json", json.dumps(found, indent=2) + "\n")
     print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
     head = (*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst")

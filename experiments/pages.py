@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,30 @@ def survived(faults: Iterable[Mapping[str, Any]]) -> Iterator[Unusual]:
 def count(n: int, one: str, many: str | None = None) -> str:
     """A number with its noun: ``1 person``, ``2 people``."""
     return f"{n} {one if n == 1 else many or one + 's'}"
+
+
+def table_of(title: str, rows: Iterable[Any], columns: Mapping[str, Callable[[Any], str]], note: str = "") -> PageTable:
+    """A table with a line for each row.
+
+    Args:
+        title: What stands above.
+        rows: The rows.
+        columns: What stands in a cell, by the heading of its column.
+        note: What stands below.
+
+    Returns:
+        The table.
+    """
+    lines = tuple(tuple(cell(row) for cell in columns.values()) for row in rows)
+    return PageTable(title, tuple(columns), lines, note)
+
+
+def with_ends(value: float | None, ends: Sequence[float] | None, form: str, factor: float = 1.0) -> str:
+    """A mean with its interval in brackets, in a format such as ``.2f``; ``-`` without one."""
+    if value is None:
+        return "-"
+    between = "" if ends is None else f" [{', '.join(format(factor * end, form) for end in ends)}]"
+    return f"{factor * value:{form}}{between}"
 
 
 def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

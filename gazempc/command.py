@@ -1,4 +1,4 @@
-"""What all command lines share: messages and exit statuses."""
+"""What all command lines share: messages, exit statuses and progress."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import os
 import shlex
 import sys
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ from gazempc.signals import Interrupted, ending_on_signals
 VIOLATION, BAD_INPUT, UNEXPECTED, INCOMPLETE = 1, 2, 3, 4
 # For `tyro.cli`: help texts are descriptions and docstrings. To look for comments, too, takes a quarter of a second.
 TYRO_CONFIG = (HelptextFromCommentsOff,)
+_SILENCE_S = 2.0
 
 
 def run_command(name: str, work: Callable[[], int]) -> int:
@@ -103,3 +105,34 @@ def command_line(module: str, words: Sequence[str]) -> str:
         Such as ``python -m gazempc.run --replay subject03_R4``.
     """
     return shlex.join(["python", "-m", module, *words])
+
+
+class Progress:
+    """Reports the present work on standard error once a job has been silent for two seconds."""
+
+    def __init__(self) -> None:
+        self._started_s = self._reported_s = time.monotonic()
+        self._what = ""
+        self._shown = False
+
+    def at(self, share: float) -> None:
+        """Report the share of the present work that is done, every few seconds.
+
+        Args:
+            share: Done so far, 0 to 1.
+        """
+        now_s = time.monotonic()
+        if now_s - self._reported_s > _SILENCE_S:
+            self._reported_s, self._shown = now_s, True
+            print(f"... {self._what}, {100 * share:.0f} %", file=sys.stderr, flush=True)
+
+    def begin(self, what: str) -> None:
+        """Begin a piece of work.
+
+        Args:
+            what: Its name, a few words.
+        """
+        self._what = what
+        if self._shown or time.monotonic() - self._started_s > _SILENCE_S:
+            self._shown = True
+            print(f"... {what}", file=sys.stderr, flush=True)

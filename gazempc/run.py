@@ -17,12 +17,11 @@ from typing import TYPE_CHECKING, Any
 import tyro
 import yaml
 
-from gazempc.command import TYRO_CONFIG, command_line, run_interruptible
+from gazempc.command import TYRO_CONFIG, Progress, command_line, run_interruptible
 from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR, TRUE_FUTURE
-from gazempc.progress import Progress
 from gazempc.results.log_files import has_log
 from gazempc.run_settings import RunSettings, config_path, load_settings
 from gazempc.signals import Interrupted

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from gazempc.errors import SettingsError, shown, suggest
 from gazempc.files.bounds import is_there
 from gazempc.files.documents import parse_toml, read_settings
 
-# A field may have, in `json_schema_extra`, a rule of thumb for an unknown value.
-RULE_OF_THUMB = "rule_of_thumb"
 # More errors than this in one file are no misspelling.
 _ERRORS_SHOWN = 20
 _FIELD_SHOWN = 100
@@ -98,12 +97,11 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
     for item in found[:_ERRORS_SHOWN]:
         field = ".".join(str(part)[:_FIELD_SHOWN] for part in item["loc"]) or "(whole file)"
         message = item["msg"].removeprefix("Value error, ")
+        fields = _fields_at(model, item["loc"][:-1])
         if item["type"] == "extra_forbidden":
-            siblings = _fields_at(model, item["loc"][:-1])
-            message = f"unknown field; {suggest(str(item['loc'][-1]), siblings)}"
-        elif item["type"] == "missing":
-            rule = _rule_at(model, item["loc"])
-            message += f"; rule of thumb: {rule}" if rule else ""
+            message = f"unknown field; {suggest(str(item['loc'][-1]), fields)}"
+        elif item["type"] == "missing" and (missing := fields.get(str(item["loc"][-1]))) is not None:
+            message += f"; {missing.description}" if missing.description else ""
         elif item["type"] != "value_error":
             message += f" (given: {shown(item['input'], _FIELD_SHOWN)})"
         lines.append(f"{source}: {field}: {message}")
@@ -112,22 +110,12 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
     return "\n".join(lines)
 
 
-def _rule_at(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
-    inner = _model_at(model, location[:-1])
-    field = None if inner is None else inner.model_fields.get(str(location[-1]))
-    extra = None if field is None else field.json_schema_extra
-    return str(extra.get(RULE_OF_THUMB, "")) if isinstance(extra, dict) else ""
-
-
-def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    inner = _model_at(model, location)
-    return [] if inner is None else list(inner.model_fields)
-
-
-def _model_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel] | None:
+def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[str, FieldInfo]:
+    """Fields of the model at a place within a model; empty where there is none."""
+    fields = model.model_fields
     for part in location:
-        info = model.model_fields.get(str(part))
-        if info is None or not (isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel)):
-            return None
-        model = info.annotation
-    return model
+        kind = fields[str(part)].annotation if str(part) in fields else None
+        if not (isinstance(kind, type) and issubclass(kind, BaseModel)):
+            return {}
+        fields = kind.model_fields
+    return fields

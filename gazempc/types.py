@@ -60,8 +60,7 @@ class CameraView:
         azimuth, elevation = np.clip(np.arctan2(y, x), -aside, aside), np.clip(np.arctan2(z, level_m), -up, up)
         ahead = np.cos(elevation)
         turned = np.stack([ahead * np.cos(azimuth), ahead * np.sin(azimuth), np.sin(elevation)], axis=1)
-        bounded: FloatArray = self.position_base_m + (far_m[:, None] * turned) @ self.axes_base.T
-        return bounded
+        return np.asarray(self.position_base_m + (far_m[:, None] * turned) @ self.axes_base.T)
 
 
 @dataclass(frozen=True)

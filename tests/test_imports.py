@@ -16,7 +16,7 @@ PACKAGES = ("predictors", "gazempc", "experiments")
 # The order of what is in a package. Nobody imports anything of a later line; what stands in one line knows nothing of
 # its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
 GAZEMPC = (
-    ("errors", "types", "progress", "signals"),
+    ("errors", "types", "signals"),
     ("files",),
     ("specfiles", "parts", "command"),
     ("recordings", "neck", "ros2", "part_options"),
@@ -36,7 +36,6 @@ GAZEMPC = (
 EXPERIMENTS = (
     ("pages", "plots"),
     ("engine", "aggregate"),
-    ("least_error",),
     ("compare_page", "forecast"),
     (
         "compare",

@@ -1,4 +1,4 @@
-"""How well the camera source sees: `python -m benchmarks.camera --json out/camera.json`.
+"""How well the camera source sees: `python -m benchmarks.camera`.
 
 On rendered pictures (MuJoCo, in software; 640 x 480 pixels, 60 degrees across) of a real face before clutter. Measured
 are bearing, range, head yaw and detection by distance and by the turn of the head, false faces, and processor time.
@@ -8,17 +8,12 @@ on the head of MuJoCo's neck, and a person who walks past. It takes about two mi
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Annotated
-
 import numpy as np
 import tyro
 
 from benchmarks.camera import live, stream
 from benchmarks.camera.walks import Seen, across, watch, webcam
 from gazempc.results.metrics import measure
-from gazempc.results.run_summary import versions
 from gazempc.robots.studio import Studio
 from gazempc.types import FloatArray
 
@@ -29,7 +24,7 @@ _FRAMES = 60
 _LIVE = (*(("reference", each) for each in ("reactive", "lookahead", "mpc")), ("fetch", "lookahead"), ("fetch", "mpc"))
 
 
-def figures(seen: Seen) -> dict[str, float]:
+def figures(seen: Seen) -> tuple[float, ...]:
     """Figures of a walk.
 
     Args:
@@ -45,25 +40,14 @@ def figures(seen: Seen) -> dict[str, float]:
         return float(np.sqrt(np.mean(np.square(values)))) if values.size else np.nan
 
     off = seen.range_error if seen.range_error.size else np.array([np.nan])
-    return {
-        "found_percent": 100 * seen.found,
-        "bearing_rms_deg": rms(seen.bearing_deg),
-        "range_bias_percent": 100 * float(np.mean(off)),
-        "range_sd_percent": 100 * float(np.std(off)),
-        "yaw_rms_deg": rms(seen.yaw_error_deg),
-        "nees": rms(np.sqrt(seen.nees)) ** 2,
-        "others": seen.others,
-        "names": seen.names,
-        "cpu_ms": float(np.mean(seen.cpu_ms)),
-    }
+    return (
+        *(100 * seen.found, rms(seen.bearing_deg), 100 * float(np.mean(off)), 100 * float(np.std(off))),
+        *(rms(seen.yaw_error_deg), rms(np.sqrt(seen.nees)) ** 2, seen.others, seen.names, float(np.mean(seen.cpu_ms))),
+    )
 
 
-def main(json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None) -> None:
-    """Measure and print.
-
-    Args:
-        json_file: Where to save the numbers.
-    """
+def main() -> None:
+    """Measure and print."""
     studio = Studio()
     walks = {f"across at {range_m:g} m": watch(studio, across(range_m), _FRAMES) for range_m in RANGES_M}
     for range_m in SPOILT_M:
@@ -71,26 +55,19 @@ def main(json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None) -
     for turn in TURNS_DEG:
         walks[f"across at 2 m, head turns by {turn:g} deg"] = watch(studio, across(2.0, yaw_deg=turn), _FRAMES)
     walks["no person"] = watch(studio, lambda _: None, _FRAMES)
-    rows = []
     print(f"{'walk':<38} found  bearing  range: bias, sd   yaw  nees  others  names    cpu")
     print(f"{'':<38}   [%]    [deg]         [%]  [%] [deg]                       [ms]")
     for name, seen in walks.items():
-        row = figures(seen)
-        rows.append({"walk": name, **row})
-        print(
-            "{:<38} {:5.0f} {:8.2f} {:11.1f} {:4.1f} {:5.1f} {:5.1f} {:7} {:6} {:6.1f}".format(name, *row.values()),
-            flush=True,
-        )
+        form = "{:<38} {:5.0f} {:8.2f} {:11.1f} {:4.1f} {:5.1f} {:5.1f} {:7} {:6} {:6.1f}"
+        print(form.format(name, *figures(seen)), flush=True)
     capture_ms = stream.capture_errors_ms()
     print(
         f"time of capture, {capture_ms.size} pictures of a stream: late by {np.median(capture_ms):.1f} ms (median), "
         f"{np.percentile(capture_ms, 95):.1f} ms (95 %)"
     )
-    runs = {}
     for neck, controller in _LIVE:
         log, camera = live.run(studio, controller=controller, neck_name=neck)
         metrics = measure(log)
-        runs[f"{neck} {controller}"] = metrics.as_dict()
         within = [100 * share for share in (metrics.eye_contact_2p6, metrics.eye_contact_4)]
         print(
             f"live, neck {neck}, {controller}: {camera.pictures} pictures, {log.capture_time_s.size} observations, "
@@ -99,10 +76,6 @@ def main(json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None) -
             flush=True,
         )
     studio.close()
-    if json_file is not None:
-        found_all = {"rows": rows, "capture_error_ms": capture_ms.tolist(), "live": runs, "versions": versions()}
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(found_all, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

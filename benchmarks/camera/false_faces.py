@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -64,30 +64,27 @@ def frames(video: Path) -> tuple[Iterator[Any], float]:
     return pictures(), 1.0 / (opened.get(cv2.CAP_PROP_FPS) or 1.0 / FRAME_S)
 
 
-class Count:
-    """Counts false faces of one kind of pictures."""
+def count(detector: BlazeFace, kind: str, cameras: Iterable[Iterator[Any]], period_s: float = FRAME_S) -> None:
+    """Search the pictures of each camera, and print what is found.
 
-    def __init__(self, detector: BlazeFace) -> None:
-        self._detector = detector
-        self.pictures = self.with_face = self.names = 0
-        self.seconds = 0.0
-
-    def watch(self, pictures: Iterator[Any], period_s: float = FRAME_S) -> None:
-        """Search the pictures of one camera."""
-        finder, names = FaceFinder(self._detector), set()
-        for k, picture in enumerate(pictures):
+    Args:
+        detector: Finds faces.
+        kind: Of the pictures.
+        cameras: Pictures of each camera.
+        period_s: Time between two, seconds.
+    """
+    pictures = with_face = names = 0
+    for camera in cameras:
+        finder, seen = FaceFinder(detector), set()
+        for k, picture in enumerate(camera):
             found = finder.see(picture, k * period_s)
-            self.pictures += 1
-            self.seconds += period_s
-            self.with_face += bool(found)
-            names |= {person.person_id for person in found}
-        self.names += len(names)
-
-    def __str__(self) -> str:
-        return (
-            f"{self.pictures:6} pictures, {self.with_face:4} with a false face, "
-            f"{60 * self.names / self.seconds:6.1f} false faces a minute"
-        )
+            pictures += 1
+            with_face += bool(found)
+            seen |= {person.person_id for person in found}
+        names += len(seen)
+    a_minute = 60 * names / (pictures * period_s)
+    said = f"{pictures:6} pictures, {with_face:4} with a false face, {a_minute:6.1f} false faces a minute"
+    print(f"{kind:<52} {said}", flush=True)
 
 
 def main(videos: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()) -> None:
@@ -100,19 +97,12 @@ def main(videos: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()) -> None
     data: Any = importlib.import_module("skimage.data")
     for dim in (False, True):
         for turn_deg in _TURNS_DEG:
-            count = Count(detector)
-            for range_m in _RANGES_M:
-                count.watch(backs(studio, range_m, turn_deg, dim))
             kind = f"rendered, turned away by {turn_deg:.0f} deg{', cheap webcam' if dim else ''}"
-            print(f"{kind:<52} {count}", flush=True)
-    count = Count(detector)
-    for name in _PHOTOGRAPHS:
-        count.watch(pan(getattr(data, name)()))
-    print(f"{'photographs without people':<52} {count}", flush=True)
+            count(detector, kind, (backs(studio, range_m, turn_deg, dim) for range_m in _RANGES_M))
+    count(detector, "photographs without people", (pan(getattr(data, name)()) for name in _PHOTOGRAPHS))
     for video in videos:
-        count = Count(detector)
-        count.watch(*frames(video))
-        print(f"{video.name:<52} {count}", flush=True)
+        pictures, period_s = frames(video)
+        count(detector, video.name, [pictures], period_s)
     studio.close()
 
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 import contextlib
 import gc
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.solvers.figures import AGREE_RAD, WARM_UP, GrowthFigures, PeerFigures
-from benchmarks.solvers.ours import Gazempc
-from benchmarks.solvers.peer import Peer, PeerFailedError
-from benchmarks.solvers.qp_peers import Accurate
+from benchmarks.solvers.peers import Accurate, Gazempc, Peer, PeerFailedError
 from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, Run, simulate
-from benchmarks.step_time import cpu_ms
-from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
+
+# A command this near to the accurate one is the same.
+AGREE_RAD = 1e-4
+# Calls that are not timed: solvers set themselves up in their first ones.
+WARM_UP = 5
+Figures = dict[str, Any]
 
 
 def solve_all(peer: Peer, run: Run) -> tuple[FloatArray, FloatArray]:
@@ -44,7 +47,7 @@ def solve_all(peer: Peer, run: Run) -> tuple[FloatArray, FloatArray]:
     return times_ms, first
 
 
-def measure(peer: Peer, run: Run, accurate_rad: FloatArray) -> PeerFigures:
+def measure(peer: Peer, run: Run, accurate_rad: FloatArray) -> Figures:
     """Time one solver and compare its commands.
 
     Args:
@@ -53,24 +56,25 @@ def measure(peer: Peer, run: Run, accurate_rad: FloatArray) -> PeerFigures:
         accurate_rad: Accurate commands at the end of the first control period, shape (K, 2).
 
     Returns:
-        The figures.
+        Its name, CPU times of a call for both joints in milliseconds, the largest difference in radians, ticks with a
+        larger one than `AGREE_RAD`, and ticks without a command.
     """
     times_ms, first = solve_all(peer, run)
     difference = np.abs(first - accurate_rad).max(axis=1)
     failed = np.isnan(difference)
     timed_ms = times_ms[WARM_UP:]
-    return PeerFigures(
-        name=peer.name,
-        median_ms=float(np.median(timed_ms)),
-        p95_ms=float(np.percentile(timed_ms, 95)),
-        p99_ms=float(np.percentile(timed_ms, 99)),
-        max_ms=float(timed_ms.max()),
-        agrees=bool(np.all(difference <= AGREE_RAD)),
-        worst_difference_rad=None if failed.all() else float(np.nanmax(difference)),
-        ticks_over=int(np.sum(difference > AGREE_RAD)),
-        failures=int(failed.sum()),
-        calls=len(timed_ms),
-    )
+    median, p95, p99, most = np.percentile(timed_ms, [50, 95, 99, 100]).tolist()
+    return {
+        "name": peer.name,
+        "median_ms": median,
+        "p95_ms": p95,
+        "p99_ms": p99,
+        "max_ms": most,
+        "worst_difference_rad": None if failed.all() else float(np.nanmax(difference)),
+        "ticks_over": int(np.sum(difference > AGREE_RAD)),
+        "failures": int(failed.sum()),
+        "agrees": bool(np.all(difference <= AGREE_RAD)),
+    }
 
 
 def accurate_commands(neck: NeckSpec, steps: int, run: Run) -> FloatArray:
@@ -90,23 +94,7 @@ def accurate_commands(neck: NeckSpec, steps: int, run: Run) -> FloatArray:
     return first
 
 
-def time_steps(neck: NeckSpec, run: Run) -> tuple[float, float]:
-    """Time whole control steps of the MPC, forecast in, plan out.
-
-    Args:
-        neck: The neck.
-        run: With the situations.
-
-    Returns:
-        Median and 99th percentile, CPU milliseconds.
-    """
-    mpc = Mpc(neck)
-    gc.collect()
-    times_ms = [cpu_ms(lambda s=situation: mpc.plan(s)) for situation in run.situations][WARM_UP:]  # type: ignore[misc]
-    return float(np.median(times_ms)), float(np.percentile(times_ms, 99))
-
-
-def grow(neck: NeckSpec, steps: int, ticks: int) -> GrowthFigures:
+def grow(neck: NeckSpec, steps: int, ticks: int) -> Figures:
     """Time ours with one length of the horizon, from the states of the same run, and check its commands.
 
     Args:
@@ -115,22 +103,28 @@ def grow(neck: NeckSpec, steps: int, ticks: int) -> GrowthFigures:
         ticks: Control ticks of the run.
 
     Returns:
-        The figures.
+        The figures of `measure`, named by the length, and the median where limits bind; None if none does.
     """
     run, ours = simulate(neck, steps, ticks), Gazempc(neck, steps, SMOOTHING_TIME_S)
-    accurate_rad = accurate_commands(neck, steps, run)
-    times_ms, first = solve_all(ours, run)
+    found = measure(ours, run, accurate_commands(neck, steps, run))
     used = np.array([ours.used(*problem) for problem in zip(run.states, run.references, strict=True)])
-    binding_ms = times_ms[WARM_UP:][(used[WARM_UP:] != "gain").any(axis=1)]
-    difference = np.abs(first - accurate_rad).max(axis=1)
-    failed = np.isnan(difference)
-    return GrowthFigures(
-        horizon_steps=steps,
-        median_ms=float(np.median(times_ms[WARM_UP:])),
-        p99_ms=float(np.percentile(times_ms[WARM_UP:], 99)),
-        median_binding_ms=float(np.median(binding_ms)) if len(binding_ms) else None,
-        worst_difference_rad=None if failed.all() else float(np.nanmax(difference)),
-        solvers={str(name): int(np.sum(used == name)) for name in np.unique(used)},
-        calls=len(times_ms) - WARM_UP,
-        failures=int(failed.sum()),
-    )
+    binding_ms = solve_all(ours, run)[0][WARM_UP:][(used[WARM_UP:] != "gain").any(axis=1)]
+    median = float(np.median(binding_ms)) if binding_ms.size else None
+    return found | {"name": f"N = {steps}", "median_binding_ms": median}
+
+
+def table(rows: Sequence[Figures]) -> str:
+    """Write figures for reading.
+
+    Args:
+        rows: Of `measure` or `grow`, all of one kind; the first one is what medians are compared with.
+
+    Returns:
+        Lines.
+    """
+    lines = [f"{'':<14}{'ratio':>8}" + "".join(f"{name:>21}" for name in list(rows[0])[1:])]
+    for row in rows:
+        cells = [f"{cell:.3g}" if isinstance(cell, float) else str(cell) for cell in list(row.values())[1:]]
+        ratio = row["median_ms"] / rows[0]["median_ms"]
+        lines.append(f"{row['name']:<14}{ratio:>8.1f}" + "".join(f"{cell:>21}" for cell in cells))
+    return "\n".join(lines)

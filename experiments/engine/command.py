@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -13,7 +14,7 @@ import tyro
 from pydantic import BaseModel, Field, ValidationError
 
 from gazempc import command
-from gazempc.errors import SettingsError
+from gazempc.errors import MissingOptionalDependencyError, SettingsError
 from gazempc.part_options import take_options
 from gazempc.settings import Settings
 from gazempc.specfiles import explain
@@ -87,6 +88,12 @@ class Command(Generic[S]):
         prog = f"python -m experiments.{self.name}"
         found = tyro.cli(self.model, config=command.TYRO_CONFIG, args=words, prog=prog, description=self.about)
         return found.model_copy(update=own)
+
+
+def check_optuna(what: str) -> None:
+    """Raise MissingOptionalDependencyError, which names what needs it, unless Optuna is installed."""
+    if find_spec("optuna") is None:
+        raise MissingOptionalDependencyError(what, "optuna", "tune")
 
 
 def call_of(name: str, values: dict[str, Any]) -> str:

@@ -1,1 +1,1 @@
-"""Head and eyes in one program, to compare the cascade with. May import experiments.engine."""
+"""Gaze shifts of head and eyes. May import experiments.engine."""

@@ -15,13 +15,12 @@ from typing import Any
 
 from pydantic import Field
 
-from experiments.engine.cache import Cache
 from experiments.engine.choices import find_recordings, in_place
 from experiments.engine.command import Command, WorkSettings, check
-from experiments.engine.engine import Engine
+from experiments.engine.engine import Cache, Engine
 from experiments.engine.job import Row
 from experiments.fit.examples import Examples
-from experiments.fit.jobs import ExamplesJob, NetworksJob, examples_of, model_of
+from experiments.fit.networks import ExamplesJob, NetworksJob, examples_of, model_of
 from experiments.fit.spread import errors_on_left_out, fit_doubt
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load

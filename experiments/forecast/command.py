@@ -17,9 +17,8 @@ from experiments.engine.command import Command, check, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.forecast.errors import RUN_IN_S, ClipView, Cues
-from experiments.forecast.jobs import ForecastJob, clip_result
-from experiments.forecast.page import AT_RATE, FAILED, LEFT_OUT, forecast_page, plots_of
-from experiments.forecast.summary import ClipResult, summarise
+from experiments.forecast.page import FAILED, LEFT_OUT, forecast_page, plots_of
+from experiments.forecast.summary import ClipResult, ForecastJob, clip_result, summarise
 from experiments.pages import write_results
 from experiments.plots import draw
 from gazempc.errors import GazempcError
@@ -152,7 +151,7 @@ def _views(settings: ForecastSettings) -> list[ClipView]:
 
 
 def _slowed(sensor: SensorSpec, rate_hz: float) -> SensorSpec:
-    name = sensor.name + AT_RATE.format(rate_hz)
+    name = f"{sensor.name} at {rate_hz:g} Hz"
     return sensor.model_copy(update={"name": name, "rate_hz": min(sensor.rate_hz, rate_hz)})
 
 

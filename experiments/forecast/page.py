@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,12 @@ import numpy as np
 
 from experiments.aggregate import groups_of, sensors_of
 from experiments.forecast.summary import ClipResult, error_m
-from experiments.pages import count
+from experiments.pages import count, table_of, with_ends
 from experiments.plots import Line, Plot, share_of_clips
 from gazempc.recordings.readers.labels import STANDING
 from gazempc.recordings.recording import truth_of
 from gazempc.results.figures.style import COLOURS
-from gazempc.results.page.content import Chart, Curve, Page, PageTable, Unusual
+from gazempc.results.page.content import Chart, Page, PageTable, Unusual
 
 _Row = Mapping[str, Any]
 
@@ -48,8 +49,6 @@ def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
 FAILED = ("recording", "predictor", "cues", "sensor", "failed")
 # And of a recording that was left out.
 LEFT_OUT = ("recording", "sensor", "left_out")
-# How the name of a sensor that is thinned ends.
-AT_RATE = " at {:g} Hz"
 
 
 def forecast_page(summary: _Row, results: Sequence[ClipResult], pictures: Iterable[Path], command: str) -> Page:
@@ -78,13 +77,12 @@ def forecast_page(summary: _Row, results: Sequence[ClipResult], pictures: Iterab
             "how": " ".join(about(summary)),
         },
         tables=(
-            *rate_tables(rows, chosen["rates"]),
             *(
                 forecast_table([row for row in rows if row["sensor"] == sensor], f"Sensor {sensor}")
                 for sensor in sensors_of(rows)
             ),
         ),
-        charts=(*_over_horizon(overall), *_by_clip(results)),
+        charts=(*_over_horizon(rows), *_by_clip(results)),
         pictures={path: path.stem.replace("_", " ") for path in pictures},
         unusual=tuple(_unusual(summary)),
         command=command,
@@ -100,16 +98,11 @@ def _answers(overall: Sequence[_Row]) -> Iterator[str]:
         yield f"Mean error {horizon_s:g} s ahead, sensor {sensor}, cues {cues}: {errors}."
 
 
-def _over_horizon(overall: Sequence[_Row]) -> Iterator[Chart]:
-    for sensor in sensors_of(overall):
-        curves = []
-        looks = dict.fromkeys((r["predictor"], r["cues"]) for r in overall)
-        for k, (predictor, cues) in enumerate(looks):
-            own = [r for r in overall if (r["sensor"], r["predictor"], r["cues"]) == (sensor, predictor, cues)]
-            own.sort(key=lambda r: float(r["horizon_s"]))
-            x, y = (np.array([row[name] for row in own], float) for name in ("horizon_s", "error_true_mm"))
-            curves.append(Curve(_name(predictor, cues, looks), COLOURS[k % len(COLOURS)], x, y))
-        yield Chart(f"Error over horizon: sensor {sensor}", "horizon (s)", "mean error (mm)", tuple(curves))
+def _over_horizon(rows: Sequence[_Row]) -> Iterator[Chart]:
+    for sensor in sensors_of(rows):
+        yield replace(
+            plots_of(rows, sensor)[-1], title=f"Error over horizon: sensor {sensor}", y_label="mean error (mm)"
+        ).chart()
 
 
 def _by_clip(results: Sequence[ClipResult]) -> Iterator[Chart]:
@@ -180,76 +173,34 @@ def forecast_table(rows: Sequence[_Row], title: str) -> PageTable:
     Returns:
         The table.
     """
-
-    def show(value: float | None, digits: int = 0) -> str:
-        return "-" if value is None else f"{value:.{digits}f}"
-
     # Most recordings do not say of what kind they are.
     has_kinds = any(r["kind"] != "all" for r in rows)
     # A forecast of people who stand has to beat the position where they are.
     stand = any(r["group"] == STANDING for r in rows)
-    columns = [
-        *(
-            "predictor",
-            "cues",
-            "group",
-            *(["kind"] if has_kinds else []),
-            "clips",
-            "horizon [s]",
-            "error [mm]",
-            "ratio",
-            *(["ratio to last_position"] if stand else []),
-        ),
-        *("p50", "p95", "to filtered [mm]", "along", "across", "vertical"),
-        *("within 68 %", "within 90 %", "within 95 %", "NEES", "update [us]"),
-    ]
-    lines = []
-    for r in rows:
-        interval = r["error_true_mm_ci95"]
-        cells = [
-            *(r["predictor"], r["cues"], r["group"], *([r["kind"]] if has_kinds else [])),
-            str(r["n_clips"]),
-            f"{r['horizon_s']:g}",
-            show(r["error_true_mm"]) + (f" [{interval[0]:.0f}, {interval[1]:.0f}]" if interval else ""),
-            show(r["ratio_to_constant_velocity"], 2),
-            *([show(r["ratio_to_last_position"] if r["group"] == STANDING else None, 2)] if stand else []),
-            *(show(r[f"error_{name}_mm"]) for name in ("true_p50", "true_p95", "filtered")),
-            *(show(r[f"error_{name}_rms_mm"]) for name in ("along", "across", "vertical")),
-            *(show(r[f"coverage_{share}"], 2) for share in (68, 90, 95)),
-            show(r["nees"], 1),
-            show(r["update_us"]),
-        ]
-        lines.append(tuple(cells))
-    return PageTable(title, tuple(columns), tuple(lines))
 
+    def value(name: str, form: str = ".0f") -> Callable[[_Row], str]:
+        return lambda r: with_ends(r[name], None, form)
 
-def rate_tables(rows: Sequence[_Row], rates_hz: Sequence[float]) -> list[PageTable]:
-    """Errors over the frame rate.
-
-    Args:
-        rows: As of `experiments.forecast.summary.summarise`; those of all clips are shown.
-        rates_hz: The rates to which the sensors were thinned; none makes no table.
-
-    Returns:
-        A table for each sensor: a line for each predictor, cues and horizon, and a column for each rate with the error
-        and its ratio to `constant_velocity` at that rate.
-    """
-    every = [r for r in rows if (r["group"], r["kind"]) == ("all", "all")]
-    rates_hz = sorted(set(rates_hz))
-    endings = [AT_RATE.format(rate_hz) for rate_hz in rates_hz]
-    # Of each sensor and rate by what stands in a line.
-    found: dict[str, dict[tuple[Any, ...], dict[str, str]]] = {}
-    for r, ending in ((r, ending) for r in every for ending in endings if r["sensor"].endswith(ending)):
-        error_mm, ratio = r["error_true_mm"], r["ratio_to_constant_velocity"]
-        cell = "-" if error_mm is None else f"{error_mm:.0f}" + ("" if ratio is None else f" ({ratio:.2f})")
-        line = r["predictor"], r["cues"], f"{r['horizon_s']:g}"
-        found.setdefault(r["sensor"].removesuffix(ending), {}).setdefault(line, {})[ending] = cell
-    columns = ("predictor", "cues", "horizon [s]", *(f"{rate_hz:g} Hz" for rate_hz in rates_hz))
-    return [
-        PageTable(
-            f"By frame rate, sensor {sensor}: error [mm] (ratio to constant_velocity)",
-            columns,
-            tuple((*line, *(cells.get(ending, "-") for ending in endings)) for line, cells in lines.items()),
-        )
-        for sensor, lines in found.items()
-    ]
+    columns: dict[str, Callable[[_Row], str]] = {
+        "predictor": lambda r: r["predictor"],
+        "cues": lambda r: r["cues"],
+        "group": lambda r: r["group"],
+        **({"kind": lambda r: r["kind"]} if has_kinds else {}),
+        "clips": lambda r: str(r["n_clips"]),
+        "horizon [s]": lambda r: f"{r['horizon_s']:g}",
+        "error [mm]": lambda r: with_ends(r["error_true_mm"], r["error_true_mm_ci95"], ".0f"),
+        "ratio": value("ratio_to_constant_velocity", ".2f"),
+    }
+    if stand:
+        last = value("ratio_to_last_position", ".2f")
+        columns["ratio to last_position"] = lambda r: last(r) if r["group"] == STANDING else "-"
+    columns |= {
+        "p50": value("error_true_p50_mm"),
+        "p95": value("error_true_p95_mm"),
+        "to filtered [mm]": value("error_filtered_mm"),
+        **{name: value(f"error_{name}_rms_mm") for name in ("along", "across", "vertical")},
+        **{f"within {share} %": value(f"coverage_{share}", ".2f") for share in (68, 90, 95)},
+        "NEES": value("nees", ".1f"),
+        "update [us]": value("update_us"),
+    }
+    return table_of(title, rows, columns)

@@ -1,12 +1,19 @@
-"""The validation as Markdown tables."""
+"""The validation as Markdown tables, and a figure of the mean errors by group."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from pathlib import Path
 from typing import Any
 
-from experiments.pages import markdown
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.pages import table_of, with_ends
 from experiments.paper.published import PUBLISHED, SIGNIFICANCE_LEVEL, VIDEOS_PER_GROUP, PublishedGroup, implied_frames
+from gazempc.results.figures.style import COLOURS, readable
 
 _RULE_NAMES = {
     "paper": "head against waist (the paper's)",
@@ -15,27 +22,53 @@ _RULE_NAMES = {
     "both": "direction of travel, mean yaw removed",
     "waist itself": "control: waist in place of the head, direction of travel",
 }
+_Row = Mapping[str, Any]
+_Columns = Mapping[str, Callable[[_Row], str]]
 
 
-def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> list[str]:
-    return markdown(head, lines).split("\n")
-
-
-def _number(value: float | None, digits: int = 0) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+def _of(columns: _Columns, rows: Iterable[_Row]) -> list[str]:
+    return [*table_of("", rows, columns).markdown(), ""]
 
 
 def _p(value: float | None) -> str:
-    if value is None:
-        return "-"
-    return f"{value:.3f}" if value >= 1e-3 else f"{value:.2e}"
+    return with_ends(value, None, ".3f" if value is None or value >= 1e-3 else ".2e")
 
 
-def _interval(pair: Sequence[float] | None, digits: int = 0) -> str:
-    return "" if pair is None else f" [{pair[0]:.{digits}f}, {pair[1]:.{digits}f}]"
+def _change(r: _Row, name: str, form: str = ".0f") -> str:
+    return with_ends(r[name], r[f"{name}_ci95"], form)
 
 
-def report(summary: Mapping[str, Any]) -> str:
+_GROUPS: _Columns = {
+    "routes": lambda g: g["group"],
+    "videos": lambda g: str(g["n_videos"]),
+    "people": lambda g: str(g["n_people"]),
+    "frames": lambda g: str(g["n_frames"]),
+    "baseline [mm]": lambda g: _change(g, "baseline_mm"),
+    "proposed [mm]": lambda g: _change(g, "proposed_mm"),
+    "W": lambda g: f"{g['wilcoxon_statistic']:,.0f}",
+    "p": lambda g: _p(g["p_value"]),
+    "p thinned": lambda g: _p(g["p_value_thinned"]),
+}
+_PEOPLE: _Columns = {
+    "routes": lambda p: p["group"],
+    "people": lambda p: str(p["n_people"]),
+    "proposed - baseline [mm]": lambda p: with_ends(p["difference_mm"], p["difference_ci95_mm"], ".1f"),
+    "p better": lambda p: _p(p["p_better"]),
+    "p worse": lambda p: _p(p["p_worse"]),
+    "p either": lambda p: _p(p["p_two_sided"]),
+    "effect": lambda p: _change(p, "effect", ".2f"),
+}
+_TURNS: _Columns = {
+    "routes": lambda t: t["group"],
+    "median speed [m/s]": lambda t: f"{t['speed_m_s']:.2f}",
+    "turn in 0.5 s: median [deg]": lambda t: f"{t['turn_median_deg']:.0f}",
+    "95th percentile [deg]": lambda t: f"{t['turn_p95_deg']:.0f}",
+    "published error [mm]": lambda t: f"{t['published_mm']:.0f}",
+    "turn in 0.5 s that it needs at every frame [deg]": lambda t: with_ends(t["turn_needed_deg"], None, ".0f"),
+}
+
+
+def report(summary: _Row) -> str:
     """All tables of one data set.
 
     Args:
@@ -44,7 +77,7 @@ def report(summary: Mapping[str, Any]) -> str:
     Returns:
         The text.
     """
-    settings = summary["settings"]
+    settings, balanced = summary["settings"], summary["balanced"]
     left = [f"{len(summary[k])} {k.replace('_', ' ')}" for k in ("left_out", "failed", "without_group") if summary[k]]
     n = sum(g["n_videos"] for g in summary["groups"])
     lines = [
@@ -73,29 +106,29 @@ def report(summary: Mapping[str, Any]) -> str:
         "",
         "## The same with each group of routes counting alike in the tuning",
         "",
-        *_of(_GROUPS, summary["balanced"]["groups"]),
-        *_of(_PEOPLE, summary["balanced"]["people"]),
-        f"w: mean {summary['balanced']['w_mean']:.3f}, s.d. {summary['balanced']['w_sd']:.3f} (exact minimum over all: "
-        f"{summary['balanced']['w_exact_all_subjects']:.3f}).",
+        *_of(_PEOPLE, balanced["people"]),
+        f"w: mean {balanced['w_mean']:.3f}, s.d. {balanced['w_sd']:.3f} (exact minimum over all: "
+        f"{balanced['w_exact_all_subjects']:.3f}).",
         "",
-        "## The hypotheses",
-        "",
-        "By the exact tests over people; in brackets the mean over people of proposed minus baseline.",
-        "",
-        *_hypotheses_table(summary),
         "## With the paper's w, not tuned",
         "",
-        *(line for fixed in summary["published_weights"] for line in _fixed_lines(fixed)),
+    ]
+    for fixed in summary["published_weights"]:
+        lines += [f"w = {fixed['weight']:g}:", "", *_of(_PEOPLE, fixed["people"])]
+    lines += [
         "## Other yaws to turn by",
         "",
         "Proposed minus baseline, mm (negative: the rule helps), mean over people.",
         "",
-        *_rules_table(summary["rules"]),
+        *_rules_table(summary),
         *_yaw_lines(summary["yaw"]),
         "## A slower filter",
         "",
-        *_filters_table(summary["filters"]),
-        *_nearest_lines(summary),
+        *_filters_table(summary),
+        "If the tracker had delivered 15 frames a second, 15 steps would be 1 s. Nearest to the published baselines "
+        "then:",
+        "",
+        *_one_second_table(summary),
         "## What the published errors would need",
         "",
         *_of(_TURNS, summary["turns"]),
@@ -103,144 +136,67 @@ def report(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-_Columns = Mapping[str, Callable[[Mapping[str, Any]], str]]
-_GROUPS: _Columns = {
-    "routes": lambda g: g["group"],
-    "videos": lambda g: str(g["n_videos"]),
-    "people": lambda g: str(g["n_people"]),
-    "frames": lambda g: str(g["n_frames"]),
-    "baseline [mm]": lambda g: _number(g["baseline_mm"]) + _interval(g["baseline_mm_ci95"]),
-    "proposed [mm]": lambda g: _number(g["proposed_mm"]) + _interval(g["proposed_mm_ci95"]),
-    "W": lambda g: f"{g['wilcoxon_statistic']:,.0f}",
-    "p": lambda g: _p(g["p_value"]),
-    "p thinned": lambda g: _p(g["p_value_thinned"]),
-}
-_PEOPLE: _Columns = {
-    "routes": lambda p: p["group"],
-    "people": lambda p: str(p["n_people"]),
-    "proposed - baseline [mm]": lambda p: _number(p["difference_mm"], 1) + _interval(p["difference_ci95_mm"], 1),
-    "p better": lambda p: _p(p["p_better"]),
-    "p worse": lambda p: _p(p["p_worse"]),
-    "p either": lambda p: _p(p["p_two_sided"]),
-    "effect": lambda p: _number(p["effect"], 2) + _interval(p["effect_ci95"], 2),
-}
-_TURNS: _Columns = {
-    "routes": lambda t: t["group"],
-    "median speed [m/s]": lambda t: _number(t["speed_m_s"], 2),
-    "turn in 0.5 s: median [deg]": lambda t: _number(t["turn_median_deg"]),
-    "95th percentile [deg]": lambda t: _number(t["turn_p95_deg"]),
-    "published error [mm]": lambda t: _number(t["published_mm"]),
-    "turn in 0.5 s that it needs at every frame [deg]": lambda t: (
-        "none is enough" if t["turn_needed_deg"] is None else _number(t["turn_needed_deg"])
-    ),
-}
+def _rules_table(summary: _Row) -> list[str]:
+    own = {(r["filter_time_s"], r["rule"], r["group"]): r for r in summary["rules"]}
+
+    def difference(group: str, key: tuple[float, str]) -> str:
+        r = own.get((*key, group))
+        return "-" if r is None else with_ends(r["difference_mm"], r["difference_ci95_mm"], "+.1f")
+
+    columns: dict[str, Callable[[tuple[float, str]], str]] = {
+        "filter [s]": lambda key: f"{key[0]:.2g}",
+        "yaw": lambda key: _RULE_NAMES[key[1]],
+        "mean w": lambda key: next(f"{r['w_mean']:.2f}" for k, r in own.items() if k[:2] == key),
+    }
+    groups = dict.fromkeys(group for *_, group in own)
+    columns |= {group: partial(difference, group) for group in groups}
+    return [*table_of("", dict.fromkeys(key[:2] for key in own), columns).markdown(), ""]
 
 
-def _of(columns: _Columns, rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    return _table(tuple(columns), [[cell(row) for cell in columns.values()] for row in rows])
-
-
-def _hypotheses_table(summary: Mapping[str, Any]) -> list[str]:
-    fixed = summary["published_weights"]
-    columns = [summary["hypotheses"], summary["balanced"]["hypotheses"], *(f["hypotheses"] for f in fixed)]
-    weights = (f"found, w = {f['weight']:g}" for f in fixed)
-    head = ("routes", "claimed", "found, w tuned", "found, w tuned on groups alike", *weights)
-    return _table(
-        head, [(own[0]["group"], own[0]["claim"], *(h["answer"] for h in own)) for own in zip(*columns, strict=True)]
-    )
-
-
-def _fixed_lines(fixed: Mapping[str, Any]) -> list[str]:
-    return [f"w = {fixed['weight']:g}:", "", *_of(_GROUPS, fixed["groups"]), *_of(_PEOPLE, fixed["people"])]
-
-
-def _rules_table(rules: Sequence[Mapping[str, Any]]) -> list[str]:
-    groups = list(dict.fromkeys(r["group"] for r in rules))
-    lines = []
-    for time_s, rule in dict.fromkeys((r["filter_time_s"], r["rule"]) for r in rules):
-        own = {r["group"]: r for r in rules if (r["filter_time_s"], r["rule"]) == (time_s, rule)}
-        cells = [
-            f"{own[g]['difference_mm']:+.1f}{_interval(own[g]['difference_ci95_mm'], 1)}" if g in own else "-"
-            for g in groups
-        ]
-        w_mean = next(iter(own.values()))["w_mean"]
-        lines.append((f"{time_s:.2g}", _RULE_NAMES[rule], f"{w_mean:.2f}", *cells))
-    return _table(("filter [s]", "yaw", "mean w", *groups), lines)
-
-
-def _yaw_lines(yaw: Mapping[str, Any]) -> list[str]:
+def _yaw_lines(yaw: _Row) -> list[str]:
     if not yaw["people"]:
         return []
-    angles = sorted(yaw["mean_yaw_deg"])
-    correlation = yaw["rank_correlation_of_offset_and_cost"]
-    swing = yaw["swing_deg"]
+    angles, correlation = sorted(yaw["mean_yaw_deg"]), yaw["rank_correlation_of_offset_and_cost"]
     return [
         f"On straight routes people's heads point {angles[0]:+.1f} to {angles[-1]:+.1f} deg aside of the waist in the "
-        f"mean ({len(angles)} people)"
-        + (
-            "."
-            if correlation is None
-            else f"; rank correlation of its size with what the rule costs there at w = {yaw['weight']:g}: "
-            f"{correlation:.2f}."
-        ),
-        f"Within a video the yaw has a standard deviation of {_number(swing.get('paper'), 1)} deg against the waist"
-        f" and {_number(swing.get('travel direction'), 1)} deg against the filter's direction of travel (medians).",
+        f"mean ({len(angles)} people); rank correlation of its size with what the rule costs there at w = "
+        f"{yaw['weight']:g}: {with_ends(correlation, None, '.2f')}.",
         "",
     ]
 
 
-def _filters_table(filters: Sequence[Mapping[str, Any]]) -> list[str]:
-    near = [r for r in filters if r["horizon_s"] == min(f["horizon_s"] for f in filters)]
-    groups = list(dict.fromkeys(r["group"] for r in near))
-    lines = []
-    for against, time_s in dict.fromkeys((r["against"], r["filter_time_s"]) for r in near):
-        own = {r["group"]: r for r in near if (r["against"], r["filter_time_s"]) == (against, time_s)}
-        cells = [f"{own[g]['baseline_mm']:.0f} -> {own[g]['error_at_weight_mm']:.0f}" for g in groups]
-        lines.append((against, f"{time_s:.2g}", *cells, f"{own[groups[0]]['weight']:.2f}"))
-    published = {p.group: f"{p.baseline_mm:.0f} -> {p.proposed_mm:.0f}" for p in PUBLISHED}
-    lines.append(("published", "?", *(published[g] for g in groups), "?"))
-    return _table(
-        ("error against", "filter's time constant [s]", *(f"{g} [mm]" for g in groups), "best w, all frames"), lines
-    )
+def _filters_table(summary: _Row) -> list[str]:
+    rows = [r for r in summary["filters"] if r["horizon_s"] == min(f["horizon_s"] for f in summary["filters"])]
+    lines: dict[tuple[str, str], dict[str, str]] = {}
+    for r in rows:
+        line = lines.setdefault((r["against"], f"{r['filter_time_s']:.2g}"), {})
+        line |= {r["group"]: f"{r['baseline_mm']:.0f} -> {r['error_at_weight_mm']:.0f}", "w": f"{r['weight']:.2f}"}
+    lines["published", "?"] = {p.group: f"{p.baseline_mm:.0f} -> {p.proposed_mm:.0f}" for p in PUBLISHED} | {"w": "?"}
+    columns: dict[str, Callable[[tuple[str, str]], str]] = {
+        "error against": lambda key: key[0],
+        "filter's time constant [s]": lambda key: key[1],
+        **{f"{g} [mm]": lambda key, g=g: lines[key][g] for g in dict.fromkeys(r["group"] for r in rows)},  # type: ignore[misc]
+        "best w, all frames": lambda key: lines[key]["w"],
+    }
+    return [*table_of("", lines, columns).markdown(), ""]
 
 
-def _nearest_lines(summary: Mapping[str, Any]) -> list[str]:
-    lines = []
-    for n in summary["nearest"]:
-        lines += [
-            f"Nearest to the published baselines, error against the {n['against']} position: time constant "
-            f"{n['filter_time_s']:g} s (root mean square of the log ratios {n['misfit']:.2f}); validated with it:",
-            "",
-            *_of(_GROUPS, n["groups"]),
-            *_of(_PEOPLE, n["people"]),
-            f"w: mean {n['w_mean']:.3f}, s.d. {n['w_sd']:.3f}.",
-            "",
-        ]
-    lines += [
-        "If the tracker had delivered 15 frames a second, 15 steps would be 1 s. Nearest to the published baselines "
-        "then:",
-        "",
-    ]
-    groups = [g["group"] for g in summary["groups"]]
-    return lines + _table(
-        ("error against", "filter [s]", *(f"{g} [mm]" for g in groups), "w", "misfit"),
-        [
-            (
-                n["against"],
-                f"{n['filter_time_s']:g}",
-                *(
-                    f"{n['baseline_mm'][g]:.0f} -> {n['proposed_mm'][g]:.0f}" if g in n["baseline_mm"] else "-"
-                    for g in groups
-                ),
-                f"{n['weight']:.2f}",
-                f"{n['misfit']:.2f}",
-            )
-            for n in summary["nearest_at_one_second"]
-        ],
-    )
+def _one_second_table(summary: _Row) -> list[str]:
+    def errors(group: str, n: _Row) -> str:
+        known = group in n["baseline_mm"]
+        return f"{n['baseline_mm'][group]:.0f} -> {n['proposed_mm'][group]:.0f}" if known else "-"
+
+    columns: _Columns = {
+        "error against": lambda n: n["against"],
+        "filter [s]": lambda n: f"{n['filter_time_s']:g}",
+        **{f"{g['group']} [mm]": partial(errors, g["group"]) for g in summary["groups"]},
+        "w": lambda n: f"{n['weight']:.2f}",
+        "misfit": lambda n: f"{n['misfit']:.2f}",
+    }
+    return _of(columns, summary["nearest_at_one_second"])
 
 
-def side_by_side(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+def side_by_side(summaries: Mapping[str, _Row]) -> str:
     """Every number that the paper prints, beside ours on each data set.
 
     Args:
@@ -249,37 +205,100 @@ def side_by_side(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     Returns:
         Markdown.
     """
-    own = {name: {g["group"]: g for g in s["groups"]} for name, s in summaries.items()}
+    own = [{g["group"]: g for g in s["groups"]} for s in summaries.values()]
     lines: list[tuple[str, ...]] = []
     for p in PUBLISHED:
-        for what, printed in _printed(p).items():
-            cells = (_own(what, groups[p.group]) if p.group in groups else "-" for groups in own.values())
+        for what, (printed, ours) in _beside(p).items():
+            cells = (ours(groups[p.group]) if p.group in groups else "-" for groups in own)
             lines.append((f"{p.group} {what}", printed, *cells))
     lines.append(("w, mean", "7.51", *(f"{s['w_mean']:.2f}" for s in summaries.values())))
     lines.append(("w, s.d.", "0.36", *(f"{s['w_sd']:.2f}" for s in summaries.values())))
     kinds = [f"{name} ({', '.join(s['kinds'])})" for name, s in summaries.items()]
-    return "\n".join(["# Side by side", "", *_table(("", "published", *kinds), lines)])
+    columns = {name: partial(lambda i, line: line[i], i) for i, name in enumerate(("", "published", *kinds))}
+    return "\n".join(["# Side by side", "", *table_of("", lines, columns).markdown(), ""])
 
 
-def _printed(p: PublishedGroup) -> dict[str, str]:
-    """What the paper prints for a group, or what follows from it."""
+def _beside(p: PublishedGroup) -> dict[str, tuple[str, Callable[[_Row], str]]]:
+    """What the paper prints for a group, or what follows from it; and how the same is written of ours."""
     implied = implied_frames(p)
     at_least = "" if implied.most else "at least "
     return {
-        "baseline [mm]": f"{p.baseline_mm:.0f}",
-        "proposed [mm]": f"{p.proposed_mm:.0f}",
-        "Wilcoxon statistic": f"{p.statistic:,.0f}",
-        "p": f"{p.p_value:.2e}" if p.p_value < 1.0 else "1.0",
-        "frames": f"{at_least}{implied.fewest} (implied)",
-        "frames a video": f"{at_least}{implied.per_video:.0f} (of {VIDEOS_PER_GROUP})",
-        "p, every 15th frame": f"{_p(implied.thinned_p_value)} (implied)" if implied.most else "-",
+        "baseline [mm]": (f"{p.baseline_mm:.0f}", lambda g: f"{g['baseline_mm']:.0f}"),
+        "proposed [mm]": (f"{p.proposed_mm:.0f}", lambda g: f"{g['proposed_mm']:.0f}"),
+        "Wilcoxon statistic": (f"{p.statistic:,.0f}", _GROUPS["W"]),
+        "p": (f"{p.p_value:.2e}" if p.p_value < 1.0 else "1.0", _GROUPS["p"]),
+        "frames": (f"{at_least}{implied.fewest} (implied)", _GROUPS["frames"]),
+        "frames a video": (
+            f"{at_least}{implied.per_video:.0f} (of {VIDEOS_PER_GROUP})",
+            lambda g: f"{g['n_frames'] / g['n_videos']:.0f} (of {g['n_videos']})",
+        ),
+        "p, every 15th frame": (
+            f"{_p(implied.thinned_p_value)} (implied)" if implied.most else "-",
+            _GROUPS["p thinned"],
+        ),
     }
 
 
-def _own(what: str, group: Mapping[str, Any]) -> str:
-    columns = {"Wilcoxon statistic": "W", "p": "p", "frames": "frames", "p, every 15th frame": "p thinned"}
-    if what in columns:
-        return _GROUPS[columns[what]](group)
-    if what == "frames a video":
-        return f"{group['n_frames'] / group['n_videos']:.0f} (of {group['n_videos']})"
-    return _number(group[f"{what.partition(' ')[0]}_mm"])
+_BASELINE, _PROPOSED = COLOURS[0], COLOURS[1]
+
+
+def _caption(summary: Mapping[str, Any]) -> str:
+    groups = summary["groups"]
+    people = max(g["n_people"] for g in groups)
+    return f"{', '.join(summary['kinds'])}: {sum(g['n_videos'] for g in groups)} videos, up to {people} people a group"
+
+
+def draw_bars(summary: Mapping[str, Any], path: Path) -> None:
+    """Draw the mean error by group and method: published, with the validation's filter (two w), and with a slow one.
+
+    Args:
+        summary: As saved in `summary.json`.
+        path: PNG file to write.
+    """
+    groups = [g["group"] for g in summary["groups"]]
+    published = [
+        {"group": p.group, "baseline_mm": p.baseline_mm, "proposed_mm": p.proposed_mm}
+        for p in PUBLISHED
+        if p.group in groups
+    ]
+    nearest = next(n for n in summary["nearest"] if n["against"] == "true")
+    fixed = summary["published_weights"][0]
+    quick = f"filter of {summary['settings']['filter_time_s']:.2g} s, own positions"
+    panels: list[tuple[str, list[dict[str, Any]]]] = [
+        ("published", published),
+        (f"{quick},\nw tuned (mean {summary['w_mean']:.2f})", summary["groups"]),
+        (f"{quick},\nw = {fixed['weight']:g}", fixed["groups"]),
+        (
+            f"filter of {nearest['filter_time_s']:.2g} s, true positions,\nw tuned (mean {nearest['w_mean']:.2f})",
+            nearest["groups"],
+        ),
+    ]
+    with readable(12.0):
+        plot = Figure(figsize=(12.0, 3.9), layout="constrained")
+        axes = plot.subplots(1, len(panels), sharey=True)
+        for ax, (title, rows) in zip(axes, panels, strict=True):
+            _bars(ax, rows)
+            ax.set_title(title, fontsize="medium")
+        axes[0].set_ylabel("mean error 0.5 s ahead (mm)")
+        handles, labels = axes[0].get_legend_handles_labels()
+        plot.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False)
+        plot.supxlabel(f"{_caption(summary)}; bars with 95 % intervals over people", fontsize="small", color="0.4")
+        plot.savefig(path, dpi=150)
+
+
+def _bars(ax: Axes, rows: list[dict[str, Any]]) -> None:
+    for k, (name, label, colour) in enumerate(
+        (("baseline_mm", "baseline (Kalman)", _BASELINE), ("proposed_mm", "proposed (head pose)", _PROPOSED))
+    ):
+        x = np.arange(len(rows)) + 0.4 * (k - 0.5)
+        heights = [r[name] for r in rows]
+        ax.bar(x, heights, width=0.38, color=colour, label=label)
+        for at, row in zip(x, rows, strict=True):
+            top = row[name]
+            if interval := row.get(f"{name}_ci95"):
+                ax.plot([at, at], interval, color="black", linewidth=1)
+                top = max(top, interval[1])
+            ax.annotate(f"{row[name]:.0f}", (at, top), (0, 2), textcoords="offset points", ha="center", fontsize=8)
+    ax.set_xticks(range(len(rows)), [r["group"] for r in rows])
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.grid(axis="y", alpha=0.3)

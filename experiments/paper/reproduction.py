@@ -1,29 +1,218 @@
-"""Reproduce the paper's validation: `python -m experiments.paper --recordings synthetic`."""
+"""Reproduce the paper's validation: `python -m experiments.paper --recordings synthetic`.
+
+`analyse` makes all that the command prints, draws and saves, as plain data.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field
+from scipy.stats import spearmanr
+from tqdm import tqdm
 
+from experiments.aggregate import bootstrap_mean
 from experiments.engine.choices import find_recordings, in_place
-from experiments.engine.command import Command, WorkSettings, check, exit_status
+from experiments.engine.command import Command, WorkSettings, check, check_optuna, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.paper.analysis import analyse
-from experiments.paper.filters import FILTER_TIMES_S, SLOW_TIME_S, TUNED_TIME_S, known_groups
-from experiments.paper.findings import report, side_by_side
-from experiments.paper.frames import RULES, FrameJob, labelled
-from experiments.paper.validation import check_optuna
+from experiments.paper.filters import (
+    AGAINST,
+    FILTER_TIMES_S,
+    SLOW_TIME_S,
+    TUNED_TIME_S,
+    Rows,
+    closest_time_s,
+    known_groups,
+    mean_mm,
+    misfit,
+    nearest_at,
+    sweep,
+    turns_needed,
+)
+from experiments.paper.findings import draw_bars, report, side_by_side
+from experiments.paper.frames import HORIZONS_S, RULES, FrameJob, Frames, frames_of, labelled
+from experiments.paper.published import (
+    PUBLISHED,
+    SIGNIFICANCE_LEVEL,
+    W_MEAN,
+    W_READINGS,
+    W_SD,
+    implied_frames,
+)
+from experiments.paper.validation import (
+    ALTERNATIVE,
+    ZERO_METHOD,
+    Judged,
+    PersonTest,
+    as_row,
+    exact_weight,
+    frame_test,
+    leave_one_subject_out,
+    person_test,
+)
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
 from gazempc.results.run_summary import versions
-from gazempc.sim.scene import make_scene
+
+TURNING = ("R34", "R56")
+YAW_WEIGHT = W_READINGS[1]
+
+
+def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int, trials: int) -> dict[str, Any]:
+    """Validate the two forecasts as the paper does, and look for what makes its figures.
+
+    Args:
+        rows_by_time: For each time constant of the filter the rows of `experiments.paper.frames.labelled`.
+        filter_time_s: The filter of the validation; one of the keys.
+        seed: Seed of the tuning.
+        trials: Optuna's trials for each subject left out.
+
+    Returns:
+        Plain data, ready to be saved.
+
+    Raises:
+        GazempcError: If there are fewer than two subjects.
+    """
+    table = sweep(rows_by_time)
+    smooth = {against: closest_time_s(table, against) for against in AGAINST}
+    ways = [("filtered", filter_time_s), *smooth.items()]
+    rule_times_s = tuple(dict.fromkeys((filter_time_s, SLOW_TIME_S)))
+    total = len(ways) + 1 + len(rule_times_s) * len(RULES)
+    bar = tqdm(total=total, unit="validation", file=sys.stderr, mininterval=1.0)
+
+    def validate(videos: Sequence[Frames], balanced: bool = False) -> list[Judged]:
+        judged = leave_one_subject_out(videos, seed, trials, balanced)
+        bar.update()
+        return judged
+
+    main, *others = [(a, t, validate(frames_of(rows_by_time[t], a))) for a, t in ways]
+    rules = [
+        (time_s, rule, validate(frames_of(rows_by_time[time_s], rule=rule)))
+        for time_s in rule_times_s
+        for rule in RULES
+    ]
+    videos = frames_of(rows_by_time[filter_time_s])
+    balanced = validate(videos, balanced=True)
+    bar.close()
+    return {
+        **_validated(main[2]),
+        "w_exact_all_subjects": exact_weight(videos),
+        "test": {"zero_method": ZERO_METHOD, "alternative": f"baseline {ALTERNATIVE}", "level": SIGNIFICANCE_LEVEL},
+        "balanced": {**_validated(balanced), "w_exact_all_subjects": exact_weight(videos, balanced=True)},
+        "published_weights": [{"weight": w, **_validated(_with_weight(videos, w))} for w in W_READINGS],
+        "rules": [row for time_s, rule, own in rules for row in _rule_rows(time_s, rule, own)],
+        "yaw": _yaw(rows_by_time[filter_time_s]),
+        "published": {
+            "groups": [{**asdict(p), "implied_frames": _without_nan(asdict(implied_frames(p)))} for p in PUBLISHED],
+            "w_mean": W_MEAN,
+            "w_sd": W_SD,
+        },
+        "filters": [asdict(row) for row in table],
+        "nearest": [
+            {
+                "against": against,
+                "filter_time_s": time_s,
+                "misfit": misfit(table, time_s, against),
+                **_validated(own),
+            }
+            for against, time_s, own in others
+        ],
+        "nearest_at_one_second": nearest_at(table, HORIZONS_S[1]),
+        "turns": turns_needed(rows_by_time[filter_time_s]),
+    }
+
+
+def _validated(judged: Sequence[Judged]) -> dict[str, Any]:
+    """Means over frames, the tests over people, and the weights."""
+    people = [{"group": group, **as_row(test)} for group, test in _person_tests(judged).items()]
+    return {"groups": _groups(judged), **_weights(judged), "people": people}
+
+
+def _groups(judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    rows = []
+    for published in PUBLISHED:
+        own = [j for j in judged if j.group == published.group]
+        if not own:
+            continue
+        test = frame_test(own)
+        people = [j.subject for j in own for _ in j.baseline_mm]
+        row: dict[str, Any] = {"group": published.group, "n_videos": len(own), "n_people": len(set(people))}
+        for name in ("baseline_mm", "proposed_mm"):
+            # As in the paper every frame weighs the same; people are the independent draws.
+            row[name], low, high = bootstrap_mean(np.concatenate([getattr(j, name) for j in own]).tolist(), people)
+            row[f"{name}_ci95"] = [low, high] if np.isfinite(low) else None
+        as_dict = as_row(test)
+        rows.append({**row, "wilcoxon_statistic": as_dict.pop("statistic"), **as_dict})
+    return rows
+
+
+def _weights(judged: Sequence[Judged]) -> dict[str, Any]:
+    weights = {j.subject: j.weight for j in judged}
+    values = np.array(list(weights.values()))
+    return {"w_mean": float(values.mean()), "w_sd": float(values.std(ddof=1)), "weights": weights}
+
+
+def _person_tests(judged: Sequence[Judged]) -> dict[str, PersonTest]:
+    pools = {p.group: (p.group,) for p in PUBLISHED} | {"R34+R56": TURNING}
+    chosen = {name: [j for j in judged if j.group in groups] for name, groups in pools.items()}
+    return {name: person_test(own) for name, own in chosen.items() if own}
+
+
+def _with_weight(videos: Sequence[Frames], weight: float) -> list[Judged]:
+    """The rule as it would be used with a weight from the paper, without tuning."""
+    return [Judged(v.recording, v.subject, v.group, weight, v.error_mm(0.0), v.error_mm(weight)) for v in videos]
+
+
+def _rule_rows(time_s: float, rule: str, judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    return [
+        {
+            "filter_time_s": time_s,
+            "rule": rule,
+            "group": group,
+            "w_mean": _weights(judged)["w_mean"],
+            **as_row(test),
+        }
+        for group, test in _person_tests(judged).items()
+    ]
+
+
+def _yaw(rows: Rows) -> dict[str, Any]:
+    """How far people's heads point aside on straight routes, and what that costs with w = 0.5."""
+    straight = [v for v in frames_of(rows) if v.group == "R12"]
+    people = sorted({v.subject for v in straight})
+    offset_deg, cost_mm = [], []
+    for person in people.copy():
+        own = [v for v in straight if v.subject == person]
+        yaw_deg = np.concatenate([v.yaw_deg for v in own])
+        yaw_deg = yaw_deg[np.isfinite(yaw_deg)]
+        if not yaw_deg.size:
+            people.remove(person)
+            continue
+        offset_deg.append(float(yaw_deg.mean()))
+        cost_mm.append(mean_mm(own, YAW_WEIGHT) - mean_mm(own, 0.0))
+    several = len(people) > 2
+    return {
+        "weight": YAW_WEIGHT,
+        "people": people,
+        "mean_yaw_deg": offset_deg,
+        "cost_mm": cost_mm,
+        "rank_correlation_of_offset_and_cost": float(spearmanr(np.abs(offset_deg), cost_mm).statistic)
+        if several
+        else None,
+    }
+
+
+def _without_nan(figures: dict[str, Any]) -> dict[str, Any]:
+    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in figures.items()}
 
 
 class PaperSettings(WorkSettings):
@@ -65,7 +254,7 @@ def _run(settings: PaperSettings, _: str) -> int:
 
 
 def _validate(settings: PaperSettings) -> dict[str, Row]:
-    check_optuna()
+    check_optuna("Tuning w")
     found = {word: find_recordings([word]) for word in settings.recordings}
     names = _folder_names(settings.recordings)
     settings.out.mkdir(parents=True, exist_ok=True)
@@ -115,12 +304,7 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     write_whole(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
     text = report(summary)
     write_whole(folder / "summary.md", text)
-    from experiments.paper.figures import draw_bars, draw_routes  # noqa: PLC0415  (slow to import)
-
     draw_bars(summary, folder / "error_bars.png")
-    scored = [make_scene(r["source"]).walk for r in first if not r["failed"] and not r["left_out"]]
-    if all(walk.kind == "synthetic" for walk in scored):
-        draw_routes(scored, folder / "routes.png")
     print(text)
     print(f"{word}: {time.monotonic() - started:.0f} s; tables and figures in {folder}/\n")
     return summary

@@ -14,7 +14,7 @@ from scipy.stats import PermutationMethod, rankdata, wilcoxon
 
 from experiments.paper.frames import Frames
 from experiments.paper.published import STEPS_AHEAD
-from gazempc.errors import GazempcError, MissingOptionalDependencyError
+from gazempc.errors import GazempcError
 from gazempc.types import FloatArray
 
 
@@ -39,29 +39,10 @@ class Judged:
     proposed_mm: FloatArray
 
 
-def check_optuna() -> None:
-    """Raise MissingOptionalDependencyError unless Optuna is installed."""
-    try:
-        import optuna  # noqa: F401, PLC0415
-    except ImportError:
-        raise MissingOptionalDependencyError("Tuning w", "optuna", "tune") from None
-
-
-def total_error_mm(videos: Sequence[Frames], weight: float) -> float:
-    """The paper's objective: the sum of the errors over all frames of all videos.
-
-    Args:
-        videos: Training videos.
-        weight: w.
-
-    Returns:
-        The sum, mm.
-    """
-    return float(sum(v.error_mm(weight).sum() for v in videos))
-
-
 def tune_weight(videos: Sequence[Frames], seed: int, trials: int, balanced: bool = False) -> float:
     """Tune w in [0, 1] with Optuna's tree of Parzen estimators, in this process alone.
+
+    The paper's objective is the sum of the errors over all frames of all videos.
 
     Args:
         videos: Training videos.
@@ -98,7 +79,7 @@ def _stacked(videos: Sequence[Frames], balanced: bool) -> tuple[FloatArray, Floa
 
 
 def exact_weight(videos: Sequence[Frames], balanced: bool = False) -> float:
-    """The w in [0, 1] that minimises `total_error_mm`, or the mean over groups of their mean errors.
+    """The w in [0, 1] that minimises the sum of the errors, or the mean over groups of their mean errors.
 
     A sum of distances that are each linear in w is convex, so a bounded search finds its one minimum.
 

@@ -1,1 +1,1 @@
-"""People who cross, and crowds: whose identities are kept. May import experiments.engine."""
+"""Looks away, switches and engagement. May import experiments.engine."""

@@ -1,36 +1,148 @@
-"""Identities, looks away and switches: `python -m experiments.people --out out/people`.
+"""Looks away, switches and engagement: `python -m experiments.people --out out/people`.
 
-Two synthetic walkers cross, 0.3 to 1.5 m behind each other, under each sensor. With `--tracks FOLDER` crowds are made
-of recorded head tracks. Both are tracked by gazempc and by nearest neighbour, without identities from the sensor. With
-`--bags FOLDER` engagement is estimated. `--parts` measures looks away from people who stand and walk (`returns`) and
-switches between two people (`switches`).
+`--parts` are looks away from people who stand and walk (`returns`) and switches between two people (`switches`). With
+`--bags FOLDER` engagement is estimated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
+from ruckig import InputParameter, Ruckig, Trajectory
 
 from experiments.engine.command import Command
 from experiments.pages import markdown
-from experiments.people.identities import TRACKERS, cross, crowd_of, score
-from experiments.people.standing import switches, talk
 from gazempc.errors import RecordingError
+from gazempc.neck.spec import NeckSpec
 from gazempc.people.company import Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
 from gazempc.people.schedule import LookAways
+from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.recordings.load import load_together
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.results.attention import measure_attention
-from gazempc.settings import DEFAULT_PREDICTOR, GAZES, Settings
+from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.log import Log
+from gazempc.results.metrics import gaze_error_deg
+from gazempc.settings import DEFAULT_PREDICTOR, GAZES, AttentionSettings, LookAwayMode, LookAwaySettings, Settings
 from gazempc.sim.replay import ReplaySettings, replay_scene
-from gazempc.sim.scene import SceneSettings, make_scene
+from gazempc.sim.scene import Scene, SceneSettings, make_scene
+
+_RATE_HZ = 30.0
+# Conversation is held at such a distance.
+_AT_M = (2.5, 0.0, 0.3)
+# Two people 20 to 77 deg apart; the second is wanted from this time on, and the run goes on for so long.
+_TWO_M = (
+    ((2.5, 0.45, 0.3), (2.5, -0.45, 0.3)),
+    ((2.4, 1.0, 0.3), (2.6, -1.0, 0.3)),
+    ((1.5, 1.2, 0.0), (1.5, -1.2, 0.5)),
+)
+_WANTED_FROM_S, _SWITCHING_S = 2.0, 6.0
+
+
+class SecondLater:
+    """A policy that wants the first person, and from a time on the second.
+
+    Args:
+        from_s: That time, seconds.
+    """
+
+    def __init__(self, from_s: float) -> None:
+        self._from_s = from_s
+
+    def reset(self) -> None:
+        """See `gazempc.people.company.AttentionPolicy.reset`."""
+
+    def scores(self, company: Company) -> list[float]:
+        """See `gazempc.people.company.AttentionPolicy.scores`."""
+        wanted = 1 + (company.time_s >= self._from_s)
+        return [float(person.number == wanted) for person in company.people]
+
+
+def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> Log:
+    """A person stands, and the robot looks away now and then.
+
+    Args:
+        controller: Name of the controller.
+        rhythm: When it looks away.
+        seconds: For how long.
+        neck: Name of the neck.
+
+    Returns:
+        The log.
+    """
+    settings = ReplaySettings(look_away=LookAwaySettings(rhythm=rhythm))
+    return replay_scene(_scene(neck, seconds, _AT_M), controller, DEFAULT_PREDICTOR, settings).log
+
+
+def switches(controller: str, seeds: int, neck: str) -> list[tuple[Log, float]]:
+    """Two people stand, and the second is looked at later.
+
+    Args:
+        controller: Name of the controller.
+        seeds: Of the sensor's errors; how many for each pair of places.
+        neck: Name of the neck.
+
+    Returns:
+        For each run its log, and the least time in which its neck could be in contact after the switch, seconds.
+    """
+    settings = ReplaySettings(
+        attend=f"{__name__}:{SecondLater.__name__}",
+        options={"from_s": _WANTED_FROM_S},
+        attention=AttentionSettings(dwell_s=1.0),
+    )
+    found = []
+    for places_m in _TWO_M:
+        scene = _scene(neck, _SWITCHING_S, *places_m)
+        for seed in range(seeds):
+            log = replay_scene(replace(scene, seed=seed), controller, DEFAULT_PREDICTOR, settings).log
+            switched = int(np.searchsorted(log.time_s, log.attended_time_s[-1]))
+            found.append((log, least_time_s(log.neck, float(gaze_error_deg(log)[switched]))))
+    return found
+
+
+def least_time_s(neck: NeckSpec, angle_deg: float) -> float:
+    """The least time until a pan from rest is in contact: the fastest motion that the limits allow, dead time and lag.
+
+    Args:
+        neck: The neck.
+        angle_deg: How far off the person is, degrees.
+
+    Returns:
+        Seconds.
+    """
+    asked, limits = InputParameter(1), neck.command_limits
+    angle_rad = float(np.deg2rad(angle_deg))
+    asked.current_position, asked.target_position = [0.0], [angle_rad]
+    asked.max_velocity = [float(limits.velocity_max_rad_s[0])]
+    asked.max_acceleration = [float(limits.acceleration_max_rad_s2[0])]
+    asked.max_jerk = [float(limits.jerk_max_rad_s3[0])]
+    motion = Trajectory(1)
+    Ruckig(1).calculate(asked, motion)
+    times_s = np.linspace(0.0, motion.duration, 1000)
+    left_rad = np.array([angle_rad - motion.at_time(time_s)[0][0] for time_s in times_s])
+    moving_s = float(times_s[left_rad <= np.deg2rad(CONTACT_DEG[0])][0])
+    return moving_s + float(neck.dead_time_s[0] + neck.servo_lag_s[0])
+
+
+def _scene(neck: str, seconds: float, *places_m: tuple[float, float, float]) -> Scene:
+    times_s = np.arange(0.0, seconds, 1.0 / _RATE_HZ)
+    sway_m = np.column_stack([0.02 * np.sin(0.8 * times_s), 0.03 * np.sin(1.3 * times_s), 0.01 * np.sin(1.1 * times_s)])
+    settings = SceneSettings(neck=neck, sensor="reference", placement="recorded")
+    walks = [
+        recording_from_arrays(f"standing{k}", times_s, np.array(at_m) + sway_m, in_base_frame=True)
+        for k, at_m in enumerate(places_m)
+    ]
+    people = [make_scene(walk, settings) for walk in walks]
+    return replace(people[0], others=tuple(each.walk for each in people[1:]))
+
 
 # Part of a folder's name: of an engaged person, and of one who is not engaged.
 _ENGAGED, _NOT = "eng", "dis"
@@ -123,46 +235,6 @@ _TALK_S = 60.0
 _SWITCH_SEEDS = 5
 
 
-def crossing_table(sensors: Sequence[str], seeds: int) -> str:
-    """Pairs who cross: in how many a person has the other's identity afterwards, or a new one.
-
-    Args:
-        sensors: Names of sensors.
-        seeds: Number of pairs.
-    """
-    rows = []
-    for sensor in sensors:
-        for tracker in TRACKERS:
-            each = [cross(seed, sensor, tracker) for seed in range(seeds)]
-            swapped, renewed = (100.0 * sum(values) / len(each) for values in zip(*each, strict=True))
-            rows.append([Path(sensor).stem, tracker, f"{swapped:.0f}", f"{renewed:.0f}"])
-    head = ["sensor", "tracker", "identities swapped [%]", "identities renewed [%]"]
-    return f"{seeds} pairs who cross\n\n" + markdown(head, rows)
-
-
-def crowd_table(folder: Path, names: Sequence[str], people_per_s: Sequence[float], most: int, sensor: str) -> str:
-    """Scores of the trackers in crowds.
-
-    Args:
-        folder: Folder of the tracks.
-        names: Prefix of the names of the tracks of each crowd.
-        people_per_s: People who enter in a second.
-        most: People in a crowd, at most.
-        sensor: Name of the sensor.
-    """
-    rows = [
-        (
-            *(found.crowd, f"{rate:g}", str(found.people), str(found.at_once), found.tracker),
-            *(f"{found.mota:.3f}", f"{found.idf1:.3f}", str(found.switches)),
-        )
-        for crowd in names
-        for rate in people_per_s
-        for found in score(crowd, crowd_of(folder, crowd, rate, most), sensor, 0)
-    ]
-    head = ["crowd", "people a second", "people", "at once", "tracker", "MOTA", "IDF1", "switches"]
-    return f"Crowds of recorded people, sensor {sensor}\n\n" + markdown(head, rows)
-
-
 def engaged_table(folder: Path) -> str:
     """Share of the time for which engagement was decided on the bags of a folder, and share of that decided rightly."""
     found = decided(folder)
@@ -205,38 +277,24 @@ def switch_table() -> str:
     return "Switches between two people, neck reference\n\n" + markdown([*head, "overshoot, at most [deg]"], rows)
 
 
-Part = Literal["crossing", "returns", "switches"]
+Part = Literal["returns", "switches"]
 
 
 class PeopleStudySettings(Settings):
     """Settings of `python -m experiments.people`."""
 
-    sensors: tuple[str, ...] = Field(
-        default=("reference", "body_tracker", "face_camera"), min_length=1, description="Shipped sensors or .toml files"
-    )
-    seeds: int = Field(default=100, ge=1, description="How many pairs cross")
-    tracks: Path | None = Field(default=None, description="Folder of head tracks for crowds")
-    crowds: tuple[str, ...] = Field(
-        default=("hermes_bo-360", "hermes_boa-300"), description="What names of tracks of one crowd begin with"
-    )
-    people_per_s: tuple[float, ...] = Field(default=(1.0, 2.0), description="How many enter a crowd in a second")
-    most: int = Field(default=60, ge=2, description="People in a crowd, at most")
     bags: Path | None = Field(default=None, description="Folder of ROS 2 bags whose names say who is engaged")
-    parts: tuple[Part, ...] = Field(default=("crossing",), description="What is measured")
+    parts: tuple[Part, ...] = Field(default=("returns", "switches"), description="What is measured")
     every: int = Field(default=6, ge=1, description="For returns: one of so many synthetic walks")
     out: Path = Field(default=Path("out/people"), description="Folder to write to")
 
 
 def _run(settings: PeopleStudySettings, _: str) -> int:
     measure = {
-        "crossing": lambda: crossing_table(settings.sensors, settings.seeds),
         "returns": lambda: return_table(settings.every),
         "switches": switch_table,
     }
     tables = [measure[part]() for part in settings.parts]
-    if settings.tracks is not None:
-        crowds, rates, sensor = settings.crowds, settings.people_per_s, settings.sensors[0]
-        tables.append(crowd_table(settings.tracks, crowds, rates, settings.most, sensor))
     if settings.bags is not None:
         tables.append(engaged_table(settings.bags))
     text = "\n".join(tables)

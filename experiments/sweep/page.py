@@ -1,18 +1,254 @@
-"""The report of a sweep."""
+"""Tables, plots and report of a sweep.
+
+One row a run, means for each point, the points that no other beats, and response curves.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from experiments.aggregate import GROUP_ORDER, bootstrap_mean, groups_of
 from experiments.engine.job import Row
 from experiments.pages import failures, left_out, survived
-from experiments.plots import Plot
-from experiments.sweep.figures import distinct, point_name, recorded_or_synthetic, value_text
+from experiments.plots import Line, Plot
 from experiments.sweep.names import with_unit
-from experiments.sweep.plan import SweepPlan
-from experiments.sweep.tables import means_table
-from gazempc.results.page.content import Page, Unusual
+from experiments.sweep.plan import Point, SweepPlan, Walk
+from experiments.sweep.spec import METRICS, Case, Objective, direction_of
+from gazempc.results.figures.style import COLOURS, styles
+from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.run_summary import LABELS as CONTROLLER_LABELS
+
+
+def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, result: Row) -> Row:
+    """One row of `results.csv`.
+
+    Args:
+        plan: The sweep.
+        case: The case, complete.
+        index: Number of the point in its case.
+        point: What varies.
+        walk: The recording.
+        result: What came of the run.
+
+    Returns:
+        Labels, the value of everything that varies in any case (None where the case says nothing of it), all metrics,
+        and ``faults`` if exceptions were survived.
+    """
+    values = {**case.base, **point}
+    return {
+        "case": case.name,
+        "point": index,
+        "recording": walk.name,
+        "subject": walk.subject,
+        "group": walk.group,
+        "controller": values["controller"],
+        **{name: values.get(name) for name in plan.spec.varied()},
+        **{name: result[name] for name in ("controller_name", "predictor_name") if name in result},
+        "left_out": result.get("left_out"),
+        "failed": result.get("failed"),
+        "simulated_s": result.get("simulated_s"),
+        **{name: result.get(name) for name in METRICS},
+        **({"faults": result["faults"]} if "faults" in result else {}),
+    }
+
+
+def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
+    """Means over clips for each point and group, with intervals over people.
+
+    Args:
+        plan: The sweep.
+        rows: All runs.
+
+    Returns:
+        One row a point and group (``all`` too): labels, ``n_clips``, ``n_people``, and each tabulated metric with
+        ``<metric>_low`` and ``<metric>_high``; None where there is nothing to say.
+    """
+    done = [row for row in rows if not row["failed"] and not row["left_out"]]
+    by_point: dict[tuple[str, int], list[Row]] = {}
+    for row in done:
+        by_point.setdefault((row["case"], row["point"]), []).append(row)
+    table = []
+    for of_point in by_point.values():
+        for group in groups_of(of_point):
+            chosen = [row for row in of_point if group in {"all", row["group"]}]
+            people = [str(row["subject"]) for row in chosen]
+            first = chosen[0]
+            entry: Row = {name: first[name] for name in ("case", "point", "controller", *plan.spec.varied())}
+            entry |= {"group": group, "n_clips": len(chosen), "n_people": len(set(people))}
+            for metric in tabulated(plan):
+                mean_low_high = bootstrap_mean([_number(row[metric]) for row in chosen], people)
+                for name, value in zip((metric, f"{metric}_low", f"{metric}_high"), mean_low_high, strict=True):
+                    entry[name] = value if math.isfinite(value) else None
+            table.append(entry)
+    return table
+
+
+def tabulated(plan: SweepPlan) -> tuple[str, ...]:
+    """Metrics of the table: those that were asked for, and those that objectives and figures need."""
+    spec = plan.spec
+    drawn = [metric for _, metric, _ in spec.figures.response]
+    drawn += [metric for x, y, _ in spec.figures.pareto for metric in (x, y)]
+    return tuple(dict.fromkeys([*spec.metrics, *(o.metric for o in spec.objectives), *drawn]))
+
+
+def pareto_front(rows: Iterable[Row], objectives: Sequence[Objective]) -> list[Row]:
+    """Rows that no other row beats: none is as good in every objective and better in one.
+
+    Args:
+        rows: Means.
+        objectives: What is better.
+
+    Returns:
+        The front, by rising value of the first objective; rows without a value of an objective are not on it.
+    """
+    known = [row for row in rows if all(row[o.metric] is not None for o in objectives)]
+    if not known:
+        return []
+    sign = np.array([1.0 if o.direction == "minimize" else -1.0 for o in objectives])
+    costs = sign * np.array([[row[o.metric] for o in objectives] for row in known])
+    beaten = [bool(np.any(np.all(costs <= cost, axis=1) & np.any(costs < cost, axis=1))) for cost in costs]
+    front = [row for row, lost in zip(known, beaten, strict=True) if not lost]
+    return sorted(front, key=lambda row: row[objectives[0].metric])
+
+
+def objective_means(rows: Sequence[Row], objectives: Sequence[Objective]) -> list[float] | None:
+    """Means of the objectives over the clips of one point.
+
+    Args:
+        rows: Its runs.
+        objectives: Which metrics.
+
+    Returns:
+        The means; None if a run failed or a mean is not known.
+    """
+    used = [row for row in rows if not row["left_out"]]
+    values = np.array([[_number(row[o.metric]) for o in objectives] for row in used])
+    if not used or any(row["failed"] for row in used) or not np.isfinite(values).all():
+        return None
+    return [float(value) for value in values.mean(axis=0)]
+
+
+def means_table(plan: SweepPlan, table: Sequence[Row], title: str) -> PageTable:
+    """The means over all groups."""
+    metrics = [metric for metric in tabulated(plan) if metric in plan.spec.metrics]
+    columns = list(dict.fromkeys(["case", "controller", *plan.spec.varied(), "n_clips", *metrics]))
+    rows = tuple(tuple(_cell(row[c]) for c in columns) for row in table if row["group"] == "all")
+    shown = {"n_clips": "clips"}
+    return PageTable(title, tuple(shown.get(column, with_unit(column)) for column in columns), rows)
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+# What makes a gaze: two lines that differ in one of these and not in their controller have one colour.
+_OF_A_GAZE = ("case", "controller", "predictor", "neck")
+
+
+def plots_of(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
+    """The figures of a sweep file; without a front there, that of the first two objectives.
+
+    Args:
+        plan: The sweep.
+        rows: All runs.
+        table: Means, as made by `experiments.sweep.page.point_table`.
+
+    Yields:
+        Name of the file without its ending, empty for the report alone; and the plot.
+    """
+    done = [row for row in rows if not row["failed"] and not row["left_out"]]
+    overall = [row for row in table if row["group"] == "all"]
+    for x, metric, by in plan.spec.figures.response:
+        name = x if x in METRICS else x.replace(".", "-")
+        yield f"response_{name}_{metric}", _response(done, x, metric, by)
+    for x, y, by in plan.spec.figures.pareto:
+        yield f"pareto_{x}_{y}", _pareto(plan, overall, x, y, by)
+    if not plan.spec.figures.pareto and len(plan.spec.objectives) > 1:
+        y, x = (objective.metric for objective in plan.spec.objectives[:2])
+        yield "", _pareto(plan, overall, x, y, "case")
+
+
+def recorded_or_synthetic(plan: SweepPlan) -> str:
+    """Numbers of synthetic and of recorded walks, such as ``12 synthetic walks``."""
+    synthetic = sum(walk.is_synthetic for walk in plan.walks)
+    parts = [(synthetic, "synthetic"), (len(plan.walks) - synthetic, "recorded")]
+    return ", ".join(f"{n} {kind} walk{'s' if n > 1 else ''}" for n, kind in parts if n)
+
+
+def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
+    ticks = distinct(rows, x)
+    numeric = all(isinstance(tick, (int, float)) for tick in ticks)
+    # Cases are different questions: a line never averages over them.
+    series = dict.fromkeys((row["case"], row[by]) for row in rows if row[x] is not None)
+    lines = []
+    for i, (case, one) in enumerate(series):
+        own = [r for r in rows if (r["case"], r[by]) == (case, one) and r[metric] is not None]
+        at = distinct(own, x)
+        chosen = [[r for r in own if r[x] == tick] for tick in at]
+        means = [bootstrap_mean([r[metric] for r in part], [str(r["subject"]) for r in part]) for part in chosen]
+        mean, low, high = np.reshape(means, (-1, 3)).T
+        label = (
+            value_text(one) if by == "case" or len({case for case, _ in series}) == 1 else f"{case}, {value_text(one)}"
+        )
+        places = np.array(at if numeric else [ticks.index(tick) for tick in at], dtype=np.float64)
+        lines.append(Line(label, _colour(rows, by, one, i, case), places, mean, np.stack([low, high], axis=1)))
+    title = f"{with_unit(metric)} over {with_unit(x)}"
+    names = () if numeric else tuple(map(value_text, ticks))
+    return Plot(title, with_unit(x), with_unit(metric), tuple(lines), with_unit(by), names)
+
+
+def _pareto(plan: SweepPlan, table: Sequence[Row], x: str, y: str, by: str) -> Plot:
+    objectives = [Objective(metric=metric, direction=direction_of(metric)) for metric in (x, y)]
+    lines = []
+    for i, one in enumerate(distinct(table, by)):
+        chosen = [row for row in table if row[by] == one and row[x] is not None and row[y] is not None]
+        front = pareto_front(chosen, objectives)
+        points, every = (np.array([(r[x], r[y]) for r in part], float).reshape(-1, 2) for part in (front, chosen))
+        names = tuple(point_name(plan, row) for row in front)
+        lines.append(
+            Line(value_text(one), _colour(table, by, one, i), points[:, 0], points[:, 1], names=names, beside=every)
+        )
+    title = f"{with_unit(y)} against {with_unit(x)}: Pareto fronts"
+    return Plot(title, with_unit(x), with_unit(y), tuple(lines), with_unit(by))
+
+
+def point_name(plan: SweepPlan, row: Row) -> str:
+    """The settings of a point that vary."""
+    varied = (f"{with_unit(name)} {value_text(row[name])}" for name in plan.spec.varied() if row[name] is not None)
+    return ("" if row["case"] == plan.spec.name else f"{row['case']}: ") + ", ".join(varied)
+
+
+def distinct(rows: Sequence[Row], name: str) -> list[Any]:
+    """Values of a column, each once and without None: groups in reading order, numbers by size."""
+    found = [value for value in dict.fromkeys(row[name] for row in rows) if value is not None]
+    if name == "group":
+        return [group for group in (*GROUP_ORDER, "all") if group in found]
+    return sorted(found) if all(isinstance(value, (int, float)) for value in found) else found
+
+
+def _colour(rows: Sequence[Row], by: str, one: Any, index: int, case: str | None = None) -> str:
+    """Colour of a gaze where gazes are compared, else one by the number of the line."""
+    every = dict.fromkeys(row["controller"] for row in rows)
+    own = {row["controller"] for row in rows if row[by] == one and (case is None or row["case"] == case)}
+    if len(own) == 1 and (len(every) > 1 or by in _OF_A_GAZE):
+        return styles(every)[next(iter(own))].colour
+    return COLOURS[index % len(COLOURS)]
+
+
+def value_text(value: Any) -> str:
+    """A value as text."""
+    return CONTROLLER_LABELS.get(value, f"{value:g}" if isinstance(value, float) else str(value))
 
 
 def sweep_page(
@@ -30,7 +266,7 @@ def sweep_page(
         plan: The sweep.
         summary: What is in `summary.json`.
         rows: All runs.
-        table: Means, as made by `experiments.sweep.tables.point_table`.
+        table: Means, as made by `experiments.sweep.page.point_table`.
         plots: Its plots.
         pictures: The plots that were drawn, by their files.
         command: The command that repeats it.

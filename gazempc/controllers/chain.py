@@ -90,16 +90,11 @@ class BodyAim:
         )
         self._weights, self._kept = low_pass(math.exp(-neck.control_period_s / _BODY_TIME_S), knots_s.size)
 
-    def gaze_command_rad(self, command_rad: FloatArray) -> float:
-        """Pan of head and body together that joints' commands, shape (N,), radians, stand for."""
-        return float(command_rad[0] + command_rad[self._joint])
-
     def commands_rad(self, situation: Situation, pan_rad: FloatArray) -> FloatArray:
         """Commands of the body at the knots, within its limits, for directions of the person: both (K,), radians."""
         smoothed = self._weights @ pan_rad + self._kept * situation.command.position_rad[self._joint]
         near = np.clip(smoothed, pan_rad - self._head_rad, pan_rad + self._head_rad)
-        commands_rad: FloatArray = np.clip(near, *self._range_rad)
-        return commands_rad
+        return np.asarray(np.clip(near, *self._range_rad))
 
     def angles_rad(self, situation: Situation, planned_rad: FloatArray, ahead_s: FloatArray) -> FloatArray:
         """Where the body will be: commands at the knots, (K,); times from the plan's start, (H,); angles, (H,)."""
@@ -184,8 +179,7 @@ class EyeAim:
             return head_rad
         away_rad = head_rad - self._rest_rad
         eyes_rad = np.where(away_rad < 0.0, self._left_over[0], self._left_over[1]) * away_rad
-        shared_rad: FloatArray = head_rad - np.clip(eyes_rad, -self._reach_rad, self._reach_rad)
-        return shared_rad
+        return np.asarray(head_rad - np.clip(eyes_rad, -self._reach_rad, self._reach_rad))
 
     def head_without_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
         """Angles of the head that look at the person past eyes that are held; arguments as in `head_share_rad`."""
@@ -247,7 +241,8 @@ class Chain:
             Shape (H, 2), radians.
         """
         command_rad = situation.command.position_rad
-        pan_rad = float(command_rad[0]) if self.body is None else self.body.gaze_command_rad(command_rad)
+        # With a body, which is the last joint, of head and body together.
+        pan_rad = float(command_rad[0] if self.body is None else command_rad[0] + command_rad[-1])
         head_rad = unwrap_pan(look_at_rad(self._geometry, means_base_m), pan_rad, *self._reach_rad)
         if self.eyes is None:
             return head_rad

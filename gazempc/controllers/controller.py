@@ -97,14 +97,12 @@ class Situation:
 
         Until then no plan changes the motion.
         """
-        settled_rad: FloatArray = self._settled[0] + self.joint_offset_rad
-        return settled_rad
+        return np.asarray(self._settled[0] + self.joint_offset_rad)
 
     @property
     def settled_velocity_rad_s(self) -> FloatArray:
         """Joint velocities then, shape (N,), rad/s."""
-        settled_rad_s: FloatArray = self._settled[1]
-        return settled_rad_s
+        return np.asarray(self._settled[1])
 
 
 class JointPlan(NamedTuple):
@@ -225,7 +223,6 @@ class Controller(Protocol):
 
     def reset(self) -> None:
         """Forget all earlier plans."""
-        ...
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
         """Times for which the controller needs the forecast.
@@ -237,7 +234,6 @@ class Controller(Protocol):
         Returns:
             Times, shape (H,), seconds.
         """
-        ...
 
     def plan(self, situation: Situation) -> Plan:
         """Plan the commands from now on.
@@ -251,4 +247,3 @@ class Controller(Protocol):
         Raises:
             ControllerError: If there is none.
         """
-        ...

@@ -39,13 +39,12 @@ class AxisData:
     misread: int
 
 
-def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisData:
+def prepare_axis(record: NeckRecord, index: int) -> AxisData:
     """Take one axis from a record.
 
     Args:
         record: Commands and angles.
         index: Which joint, in the order of `NeckSpec.joint_names`.
-        read_delay_s: How much later than the measurement the angles' time stamps are, seconds.
 
     Returns:
         Usable data of the axis.
@@ -63,7 +62,7 @@ def prepare_axis(record: NeckRecord, index: int, read_delay_s: float) -> AxisDat
     if reported == 0:
         raise refuse(f"the joints were not reported once ({failed} reads failed)", "check the robot's connection")
     command_time_s, command = _advancing(record.command_time_s, record.command_rad[:, index])
-    time_s, measured = _advancing(record.joint_time_s - read_delay_s, record.joint_rad[:, index])
+    time_s, measured = _advancing(record.joint_time_s, record.joint_rad[:, index])
     if (stamps := time_s.size) < FEWEST_READINGS:
         needed = f"at least {FEWEST_READINGS} are needed"
         raise refuse(f"{reported} readings with {stamps} different time stamps; {needed}", "record longer")

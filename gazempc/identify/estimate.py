@@ -118,9 +118,7 @@ def bandwidth_hz(natural_frequency_rad_s: float, damping_ratio: float) -> float:
     return natural_frequency_rad_s * math.sqrt(a + math.sqrt(a * a + 1.0)) / (2.0 * math.pi)
 
 
-def estimate_axis(
-    record: NeckRecord, index: int, dead_time_max_s: float = 1.5, read_delay_s: float = 0.0
-) -> AxisEstimate:
+def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) -> AxisEstimate:
     """Fit dead time, natural frequency and damping of one axis to a record.
 
     The output error is made as small as possible: the fitted model runs on the commands alone. Offset and initial state
@@ -131,8 +129,6 @@ def estimate_axis(
         record: Commands and angles.
         index: Which joint, in the order of `NeckSpec.joint_names`.
         dead_time_max_s: Largest dead time that is looked for, seconds.
-        read_delay_s: How much later than the measurement the angles' time stamps are, seconds. The data do not
-            separate this from dead time.
 
     Returns:
         The estimate; look at its doubts.
@@ -141,7 +137,7 @@ def estimate_axis(
         IdentificationError: If the data cannot be fitted at all.
     """
     name = record.neck().joint_names[index]
-    data = prepare_axis(record, index, read_delay_s)
+    data = prepare_axis(record, index)
     starts = _scan(data, dead_time_max_s)
     # Commands before the record are unknown and act until a dead time after its first command.
     known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)

@@ -13,7 +13,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import move_rad, stop_trajectory
 from gazempc.types import FloatArray
 
-ExcitedAxes = tuple[Literal["all", "in_turn", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"], ...]
+ExcitedAxes = tuple[Literal["all", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"], ...]
 
 # Share of the command limits that is used: the file of a neck not yet measured may be optimistic.
 _MARGIN = 0.9
@@ -39,8 +39,7 @@ class ExcitationSettings(BaseModel):
     axes: ExcitedAxes = Field(
         default=("all",),
         min_length=1,
-        description="all joints, or those named; at once, or one after the other with in_turn; what does not move is "
-        "kept as it is in the neck file",
+        description="all joints, or those named; what does not move is kept as it is in the neck file",
     )
     duration_s: float = Field(default=24.0, ge=8, le=300, description="Length of the motion of an axis")
     amplitude_deg: float = Field(default=20.0, gt=0, le=90, description="Largest angle from the middle of the motion")
@@ -83,18 +82,16 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
         SettingsError: If the neck has no such joint.
     """
     moving, limits = moving_joints(neck, settings.axes), neck.command_limits
-    in_turn = "in_turn" in settings.axes
     columns = []
     for axis, name in enumerate(neck.joint_names):
         part, centre = _motion(neck, axis, settings), float(start_rad[axis])
-        parts = [np.zeros_like(part)] * (len(moving) if in_turn else 1)
-        if name in moving:
-            parts[moving.index(name) if in_turn else 0] = part
+        if name not in moving:
+            part = np.zeros_like(part)
+        else:
             # As near to rest as the room for the motion allows.
             room = _amplitude_rad(neck, axis, settings) * np.array([1.0, -1.0])
             ends = np.array([limits.position_min_rad[axis], limits.position_max_rad[axis]]) + room
             centre = float(np.clip(neck.rest_rad[axis], *ends))
-        part = np.concatenate(parts)
         approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
         columns.append((approach, centre + part))
     # All wait for the one that takes longer to get to its middle.
@@ -116,12 +113,11 @@ def moving_joints(neck: NeckSpec, axes: ExcitedAxes) -> tuple[str, ...]:
     Raises:
         SettingsError: If the neck has no such joint.
     """
-    named = [name for name in axes if name not in ("all", "in_turn")]
-    for name in named:
-        if name not in neck.joint_names:
+    for name in axes:
+        if name not in ("all", *neck.joint_names):
             names = ", ".join(neck.joint_names)
-            raise SettingsError(f"--axes {name}: neck {neck.name!r} has no such joint; accepted: all, in_turn, {names}")
-    return tuple(name for name in neck.joint_names if name in named or not named or "all" in axes)
+            raise SettingsError(f"--axes {name}: neck {neck.name!r} has no such joint; accepted: all, {names}")
+    return tuple(name for name in neck.joint_names if name in axes or "all" in axes)
 
 
 def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
@@ -192,8 +188,7 @@ def _multisine(
     padded = np.pad(shape, 3)
     bounds = (_amplitude_rad(neck, axis, settings), *(_MARGIN * limit[axis] for limit in limits.derivatives))
     peaks = [float(np.abs(np.diff(padded, order)).max()) / period_s**order for order in range(4)]
-    scaled: FloatArray = shape * min(bound / peak for bound, peak in zip(bounds, peaks, strict=True))
-    return scaled
+    return np.asarray(shape * min(bound / peak for bound, peak in zip(bounds, peaks, strict=True)))
 
 
 def _move(neck: NeckSpec, axis: int, start_rad: float, target_rad: float, speed_share: float) -> FloatArray:

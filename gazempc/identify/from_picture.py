@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from gazempc.command import Progress
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
+from gazempc.identify.identified import TurnedAxis, latency_s, option_words, turned_table, turned_toml
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.turned_axes import TurnedAxis, latency_s, neck_toml, option_words, table
 from gazempc.identify.turning import Odometer, Pulse, Turning, estimate_turns
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
@@ -35,7 +36,6 @@ from gazempc.live.sources.camera.capture import (
 from gazempc.neck.spec import AXES, Axis, NeckSpec
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.parts import split_address
-from gazempc.progress import Progress
 from gazempc.robots.options import RobotOptions
 from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.robots.robot import Robot
@@ -204,11 +204,11 @@ def identify_from_picture(
             eye.closing = True
             eye.pictures.close()
     origin = f"robot {robot}, its picture"
-    print(table(axes, view_rad[0]))
+    print(turned_table(axes, view_rad[0]))
     for axis in axes:
         if axis.picture.sign < 0:
             print(f"Warning: {axis.name} turns the other way: the file and the command below are for the changed sign.")
-    write_whole(out, neck_toml(neck, axes, view_rad, out.stem, origin, datetime.date.today()))
+    write_whole(out, turned_toml(neck, axes, view_rad, out.stem, origin, datetime.date.today()))
     use = f"--camera.fov-deg {math.degrees(view_rad[0]):.1f} --camera.latency-ms {1e3 * latency_s(axes, camera):.0f}"
     words = f"--robot {robot} --source {source} --neck {out} {use}"
     print(f"\nWritten: {out}\nUse it: python -m gazempc.live {' '.join([words, *option_words(robot, options, axes)])}")

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from gazempc.command import TYRO_CONFIG, run_command
+from gazempc.command import TYRO_CONFIG, Progress, run_command
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
@@ -44,7 +44,6 @@ from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import ROBOT
-from gazempc.progress import Progress
 from gazempc.robots.options import RobotChoice, RobotOptions
 
 if TYPE_CHECKING:
@@ -97,12 +96,6 @@ class IdentifySettings(ExcitationSettings):
         description="File to write: a sensor with --tracker, else a neck, with a figure and the record beside it",
     )
     dead_time_max_s: float = Field(default=1.5, ge=0.1, le=5, description="Largest dead time that is looked for")
-    read_delay_s: float = Field(
-        default=0.0,
-        ge=0,
-        le=1,
-        description="Delay of the angles' stamps after the measurement; the data do not separate it from dead time",
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -198,8 +191,8 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
         _print_latency(settings.from_log)
     if refusals:
         files = f"\nTo look at: {', '.join(map(str, written))}" if written else ""
-        reasons = "\n".join(refusals)
-        raise IdentificationError(f"no neck file written, the data do not determine the neck:\n{reasons}{files}")
+        reasons = "".join(f"\n  {refusal}" for refusal in refusals)
+        raise IdentificationError(f"no neck file written, the data do not determine the neck:{reasons}{files}")
     text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
     write_whole(settings.out, text)
     _print_margins(load_neck(settings.out))
@@ -267,19 +260,14 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
 def _estimate(taken: NeckRecord, settings: IdentifySettings) -> tuple[list[AxisEstimate], list[str]]:
     from gazempc.identify.estimate import estimate_axis  # noqa: PLC0415
 
-    estimates, refusals = [], []
+    estimates, refusals = [], list[str]()
     neck = taken.neck()
-    moving = moving_joints(neck, settings.axes)
-    for index, axis in enumerate(neck.joint_names):
-        if axis not in moving:
-            continue
+    for axis in moving_joints(neck, settings.axes):
         try:
-            estimate = estimate_axis(taken, index, settings.dead_time_max_s, settings.read_delay_s)
+            estimates.append(estimate_axis(taken, neck.joint_names.index(axis), settings.dead_time_max_s))
+            refusals += estimates[-1].doubts
         except IdentificationError as error:
-            refusals.append(f"  {error}")
-            continue
-        estimates.append(estimate)
-        refusals += [f"  {doubt}" for doubt in estimate.doubts]
+            refusals.append(str(error))
     return estimates, refusals
 
 
@@ -300,7 +288,7 @@ def _print_latency(path: Path) -> None:
     from gazempc.results.log_files import load_log  # noqa: PLC0415
 
     try:
-        arrived, captured = (estimate.latency_s for estimate in log_latency(load_log(path)))
+        arrived, captured = log_latency(load_log(path))
     except SettingsError:
         return  # a record of this command has no observations
     except IdentificationError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,28 +21,13 @@ _WIDEST_S = 0.02
 _NARROWEST_S = 1e-4
 
 
-@dataclass(frozen=True)
-class LatencyEstimate:
-    """How late observations are.
-
-    Attributes:
-        latency_s: From the motion to the time stamp of its observation, seconds.
-        residual_rms: Of observed - known motion, in the unit of the motion.
-        observations: How many were used.
-    """
-
-    latency_s: Interval
-    residual_rms: float
-    observations: int
-
-
 def estimate_latency(
     known_time_s: FloatArray,
     known: FloatArray,
     observed_time_s: FloatArray,
     observed: FloatArray,
     latency_max_s: float = 1.0,
-) -> LatencyEstimate:
+) -> Interval:
     """Find the delay at which observations agree best with a known motion; constant offsets do not matter.
 
     The motion may be a person's true track, or the encoders' angles of a camera that turns before a fixed
@@ -58,7 +42,7 @@ def estimate_latency(
         latency_max_s: Largest latency that is looked for, seconds.
 
     Returns:
-        The estimate.
+        From the motion to the time stamp of its observation, seconds.
 
     Raises:
         IdentificationError: If the data do not determine it.
@@ -77,8 +61,7 @@ def estimate_latency(
 
     def residual(latency_s: float, used: NDArray[np.bool_]) -> FloatArray:
         difference = observed[used] - motion(observed_time_s[used] - latency_s)
-        centred: FloatArray = difference - difference.mean(axis=0)
-        return centred
+        return np.asarray(difference - difference.mean(axis=0))
 
     # Each latency is judged by the observations at known moments: a short record has few for all latencies at once.
     lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
@@ -100,18 +83,14 @@ def estimate_latency(
     if not half_s <= _WIDEST_S:
         widths = f"only known to +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed"
         raise _refused(f"{widths}: record more, and faster, motion")
-    return LatencyEstimate(
-        Interval.around(latency_s, half_s),
-        float(np.sqrt(np.mean(best.residual**2))),
-        int(used.sum()),
-    )
+    return Interval.around(latency_s, half_s)
 
 
 def _refused(why: str) -> IdentificationError:
     return IdentificationError(f"sensor latency: {why}")
 
 
-def log_latency(log: Log) -> tuple[LatencyEstimate, LatencyEstimate]:
+def log_latency(log: Log) -> tuple[Interval, Interval]:
     """Latency of a log's observations of the head, where its true motion is known.
 
     Args:

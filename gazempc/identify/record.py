@@ -59,14 +59,9 @@ class NeckRecord:
     joint_rad: FloatArray
     failed_reads: int = 0
 
-    def info(self) -> dict[str, Any]:
-        """The description as a dictionary."""
-        about: dict[str, Any] = json.loads(self.about)
-        return about
-
     def neck(self) -> NeckSpec:
         """The neck whose limits the run kept."""
-        return NeckSpec.model_validate(self.info()["neck"])
+        return NeckSpec.model_validate(json.loads(self.about)["neck"])
 
     def save(self, path: Path) -> None:
         """Write the record.

@@ -89,8 +89,7 @@ def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int 
     freedom = np.maximum(len(errors) * np.minimum(1.0, ratio) - p, 1.0)
     widening = (stdtrit(freedom, 0.975) / Z_95) ** 2 * (freedom + p) / freedom
     more = np.sqrt(np.maximum(1.0, ratio) * widening)
-    covariance: FloatArray = correlated * np.outer(more, more)
-    return covariance
+    return np.asarray(correlated * np.outer(more, more))
 
 
 def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
@@ -113,8 +112,7 @@ def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
 
 def _products(a: FloatArray, b: FloatArray) -> FloatArray:
     # As a @ of long thin matrices, but on one thread: starting several for so little work takes far longer than it.
-    products: FloatArray = np.einsum("ij,ik->jk", a, b)
-    return products
+    return np.asarray(np.einsum("ij,ik->jk", a, b))
 
 
 _FINEST_S = 0.002

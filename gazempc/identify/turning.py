@@ -284,5 +284,4 @@ def _mean(measured: Sequence[tuple[float, float]]) -> Interval:
 def _ramp(time_s: FloatArray, wn: float) -> FloatArray:
     """Answer of q'' = wn^2 (u - q) - 2 wn q' to u = t, from rest at 0."""
     t = np.maximum(time_s, 0.0)
-    ramp: FloatArray = t - 2.0 / wn + np.exp(-wn * t) * (t + 2.0 / wn)
-    return ramp
+    return np.asarray(t - 2.0 / wn + np.exp(-wn * t) * (t + 2.0 / wn))

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.live.hints import Frame
 from gazempc.live.logs import LiveReport
 from gazempc.live.mount import JointHistory
 from gazempc.live.plausibility import Plausibility, Watch, out_of_place
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived, Notice, check_range
-from gazempc.live.stamps import ClockOffset, Stamps
+from gazempc.live.stamps import ClockOffset, Frame, Stamps
 from gazempc.loop.boundary import PartError, boundary
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
@@ -36,6 +35,8 @@ _NEWEST = 16
 _NEWEST_OF_SEVERAL = 40
 # What a source goes on to refuse is reported so often: a second tracker must not stay unnoticed.
 _AGAIN_AFTER_S = 10.0
+# Texts of what could not be used; the others are counted.
+_PROBLEMS_KEPT = 20
 # After so much of a tick no further observation is begun: the command must be sent in time.
 _TICK_SHARE = 0.2
 
@@ -155,7 +156,9 @@ class Arrivals:
         recorder.event(now_s, Event.BAD_OBSERVATION)
         if not self._report.n_problems:
             _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
-        self._report.problem(text)
+        self._report.n_problems += 1
+        if len(self._report.problems) < _PROBLEMS_KEPT:
+            self._report.problems.append(text)
 
     def _warn(
         self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again_after_s: float = math.inf

@@ -26,26 +26,25 @@ _BINS = 100_000  # up to 1 s; the last one holds all that is later
 
 
 class Lateness:
-    """A histogram of times with bins of 10 microseconds."""
+    """A histogram of times with bins of 10 microseconds.
+
+    Attributes:
+        max_ms: The largest, milliseconds.
+    """
 
     def __init__(self) -> None:
         self._counts = np.zeros(_BINS, dtype=np.int64)
-        self._max_ms = 0.0
+        self.max_ms = 0.0
 
     def add(self, late_ms: float) -> None:
         """Take note of one time, milliseconds; a negative one counts as 0."""
         self._counts[min(max(int(late_ms / _BIN_MS), 0), _BINS - 1)] += 1
-        self._max_ms = max(self._max_ms, late_ms)
+        self.max_ms = max(self.max_ms, late_ms)
 
     @property
     def count(self) -> int:
         """How many were noted."""
         return int(self._counts.sum())
-
-    @property
-    def max_ms(self) -> float:
-        """The largest, milliseconds."""
-        return self._max_ms
 
     def beyond(self, limit_ms: float) -> int:
         """How many were later than a limit, up to 1 s, to 10 microseconds."""
@@ -63,10 +62,7 @@ class Lateness:
         if not self.count:
             return 0.0
         k = int(np.searchsorted(np.cumsum(self._counts), max(percent / 100.0 * self.count, 1.0)))
-        return self._max_ms if k == _BINS - 1 else min((k + 1) * _BIN_MS, self._max_ms)
-
-
-_PROBLEMS_KEPT = 20
+        return self.max_ms if k == _BINS - 1 else min((k + 1) * _BIN_MS, self.max_ms)
 
 
 @dataclass
@@ -97,16 +93,6 @@ class LiveReport:
     least_age_s: float = math.inf
     greatest_age_s: float = -math.inf
     stopped_by: str = ""
-
-    def problem(self, text: str) -> None:
-        """Take note of something that arrived and could not be used.
-
-        Args:
-            text: What, and why.
-        """
-        self.n_problems += 1
-        if len(self.problems) < _PROBLEMS_KEPT:
-            self.problems.append(text)
 
 
 LogSink = Callable[[Log, ComputeTimes], None]

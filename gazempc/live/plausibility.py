@@ -10,9 +10,8 @@ from typing import Literal
 import numpy as np
 
 from gazempc.live.clock import Clock
-from gazempc.live.hints import Finding, Frame, SetupHints, shown
 from gazempc.live.mount import Mount
-from gazempc.live.stamps import StampReader, judge_stamps, unusable
+from gazempc.live.stamps import Finding, Frame, SetupHints, StampReader, judge_stamps, shown, unusable
 from gazempc.loop.events import Event
 from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
 from gazempc.settings import LoopSettings
@@ -181,7 +180,7 @@ def judge_ids(frames: Sequence[Frame], hints: SetupHints) -> list[Finding]:
         return []
     text = (
         f"{len(set(names))} names of people in {len(names)} frames: looks like the number of the detection; send the "
-        f"track's name as person_id, or say {hints.no_ids}"
+        f"track's name as person_id, or say {'use_ids=False' if hints.python else '--no-use-ids'}"
     )
     return [Finding(Event.NEW_ID_EACH_FRAME, text)]
 

@@ -145,9 +145,8 @@ class LiveRun:
         loop = GazeLoop(setup.neck, target, self._planner, smoother, self._robot, recorder, setup.loop)
         self._arrivals.heads_seen = loop.note_heads
         warm_up(target.predictor, self._planner.controller, setup.neck)
-        _open("source: open()", setup.source.open, SourceError)
-        for more in setup.more_sources:
-            _open("source: open()", more.open, SourceError)
+        for source in (setup.source, *setup.more_sources):
+            _open("source: open()", source.open, SourceError)
         self._smoother, self._loop = smoother, loop
         return True
 

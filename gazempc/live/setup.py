@@ -14,7 +14,6 @@ from pydantic import Field, ValidationError
 from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
-from gazempc.live.hints import SetupHints
 from gazempc.live.isolated import IsolatedPredictor
 from gazempc.live.mount import Mount
 from gazempc.live.robots import MonotonicRobot, make_robot
@@ -29,7 +28,7 @@ from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.source import Source
 from gazempc.live.sources.streams import LineSource, Senders
 from gazempc.live.sources.wires import StandardInput, TcpClient, UdpPort, Wire, parse_address
-from gazempc.live.stamps import StampClock, StampReader, Stamps
+from gazempc.live.stamps import SetupHints, StampClock, StampReader, Stamps
 from gazempc.loop.build import Person, make_controller, make_predictor, make_target
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
 from gazempc.loop.pointing import Goal
@@ -91,8 +90,7 @@ class LiveSetup:
         several: Target that is one of several people, or from which the gaze looks away; None for one person.
         cues: Cues for that target.
         goal: Place that outranks people.
-        cue_source: Gives cues besides the source; None without one.
-        more_people: Gives observations besides the source; None without one.
+        more_sources: Give observations or cues besides the source, whose end is that of the run.
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where unknown.
         log_s: Length of a log, seconds.
         notes: Notes on recording and neck for the user, a line each.
@@ -114,16 +112,10 @@ class LiveSetup:
     several: Target | None = None
     cues: Cues = field(default_factory=Cues)
     goal: Goal = field(default_factory=Goal)
-    cue_source: Source | None = None
-    more_people: Source | None = None
+    more_sources: tuple[Source, ...] = ()
     true_head_base_m: TrueHeadAt = _unknown
     log_s: float = 300.0
     notes: tuple[str, ...] = ()
-
-    @property
-    def more_sources(self) -> tuple[Source, ...]:
-        """Sources besides the one whose end is that of the run."""
-        return tuple(source for source in (self.more_people, self.cue_source) if source is not None)
 
     @property
     def true_state(self) -> Callable[[], JointState] | None:
@@ -172,7 +164,7 @@ def build(settings: LiveSettings) -> LiveSetup:
         make_planner=ImmediatePlanner if settings.simulated_clock else BackgroundPlanner,
         stamps=stamps,
         hints=SetupHints(own_source=stamps is None, judges_rate=settings.source_kind != "camera"),
-        cue_source=make_cue_source(settings, neck, clock, mounted=settings.source_kind == "ros4hri"),
+        more_sources=make_cue_source(settings, neck, clock, mounted=settings.source_kind == "ros4hri"),
         log_s=settings.log_s,
         notes=(*(() if scene is None else scene.walk.notes), *_margins(setup.controller)),
     )
@@ -213,13 +205,13 @@ def setup_of_gaze(
     stamps = StampReader(Stamps(clock=checked.clock), clock)
     source = PushedSource(clock, stamps)
     setup = _joined(checked, spec, clock, source, (predictor, controller, robot))
+    people = () if checked.source is None else (_ros2_source(checked.source, checked, clock, stamps),)
     setup = replace(
         setup,
         about=setup.about.model_copy(update={"settings": checked.model_dump(mode="json")}),
         stamps=stamps,
         hints=SetupHints(python=True),
-        cue_source=make_cue_source(checked, spec, clock, mounted=checked.source is not None),
-        more_people=None if checked.source is None else _ros2_source(checked.source, checked, clock, stamps),
+        more_sources=(*people, *make_cue_source(checked, spec, clock, mounted=checked.source is not None)),
         log_s=_GAZE_LOG_S,
     )
     return setup, source, checked

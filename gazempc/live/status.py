@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import queue
 import sys
 import threading
@@ -13,10 +12,9 @@ from typing import NamedTuple, TextIO
 import numpy as np
 
 from gazempc.loop.events import MEANINGS
-from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.kinematics import gaze_ray, pan_tilt_rad
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.results.moments import EventMoment, LateMoment, Moment, StatusMoment, TickMoment
-from gazempc.types import FloatArray
 
 # A line comes as often; rates are over this time.
 _LINE_S = 1.0
@@ -137,7 +135,7 @@ class StatusLine:
             age_s = state.time_s - state.capture_time_s
             seen = "lost, last seen" if age_s > self._lost_after_s else "seen"
             person = f"{seen} {age_s:.2f} s ago, {np.linalg.norm(state.head_base_m - eye_m):.2f} m away"
-        (pan, tilt), (aim_pan, aim_tilt) = _pan_tilt_deg(direction), _pan_tilt_deg(aim)
+        (pan, tilt), (aim_pan, aim_tilt) = np.rad2deg(pan_tilt_rad(np.array([direction, aim]))).tolist()
         parts = [
             person,
             self._observations(status),
@@ -163,8 +161,3 @@ class StatusLine:
             return "no observations"
         share = 100.0 * (status.state.used - before.state.used) / came
         return f"{came / (status.time_s - before.time_s):.0f} observations/s, {share:.0f} % used"
-
-
-def _pan_tilt_deg(direction: FloatArray) -> tuple[float, float]:
-    x, y, z = direction.tolist()
-    return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))

@@ -11,10 +11,10 @@ from typing import Any
 
 from gazempc.errors import LeftOutError
 from gazempc.files.whole import write_whole
-from gazempc.live.hints import shown
 from gazempc.live.logs import Lateness
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
+from gazempc.live.stamps import shown
 from gazempc.loop.events import MEANINGS, Event
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.recording import truth_of

@@ -98,7 +98,8 @@ class GazeLoop:
         """
         due_s = time_s if due_s is None else due_s
         recorder, planning = self._recorder, self._planning
-        plans = self._is_planning_tick(index)
+        per_plan = self._neck.servo_ticks_per_plan
+        plans = self._last_index is None or index // per_plan != self._last_index // per_plan
         if self._last_index is not None:
             self._note_sent(*self._sender.skip(index - self._last_index - 1))
         self._last_index = index
@@ -111,7 +112,9 @@ class GazeLoop:
             self._began_s = time_s
         held = self._watch_joints(time_s, measured, plans)
         self._observer.update(time_s, measured, held)
-        if self._observer.refused and measured is not None and not self._is_of_the_start(measured):
+        # A reading from shortly before the first tick is no fault of the robot.
+        since_s = self._began_s - _STARTING_S
+        if self._observer.refused and measured is not None and not since_s < measured.time_s < self._began_s:
             stands = f"read_state() returned {measured.position_rad.tolist()} rad at {measured.time_s:.3f} s"
             self._blame(time_s, Event.JOINT_READING_REFUSED, stands)
         if off := self._observer.off_command:
@@ -161,10 +164,6 @@ class GazeLoop:
         self._stopping = True
         self._planning.drop()
 
-    def _is_planning_tick(self, index: int) -> bool:
-        per_plan = self._neck.servo_ticks_per_plan
-        return self._last_index is None or index // per_plan != self._last_index // per_plan
-
     def _watch_joints(self, time_s: float, measured: JointState | None, judges: bool) -> tuple[int, ...]:
         # Joints that do not follow; this is judged as often as plans are made.
         following = self._following
@@ -176,10 +175,6 @@ class GazeLoop:
                     time_s, Event.JOINT_NOT_FOLLOWING, f"{self._names(held)} stands still although its commands move"
                 )
         return following.held if self._neck.joints > _PAN_AND_TILT else ()
-
-    def _is_of_the_start(self, measured: JointState) -> bool:
-        # A reading from shortly before the first tick is no fault of the robot.
-        return self._began_s - _STARTING_S < measured.time_s < self._began_s
 
     def _names(self, joints: Iterable[int]) -> str:
         return "joint " + ", ".join(self._neck.joint_names[joint] for joint in joints)

@@ -63,6 +63,9 @@ class JointObserver:
         neck: The neck as modelled.
         command_rad: Where the command stands, the joints at rest there, shape (N,), radians.
         time_s: Present time, seconds.
+
+    Attributes:
+        refused: Whether the last update refused its measurement: NaN, too old, too fast, or outside the gate.
     """
 
     def __init__(self, neck: NeckSpec, command_rad: FloatArray, time_s: float) -> None:
@@ -78,12 +81,7 @@ class JointObserver:
         self._note_estimate()
         self._measured_s: float | None = None
         self._refused_in_a_row = 0
-        self._refused = False
-
-    @property
-    def refused(self) -> bool:
-        """Whether the last update refused its measurement: NaN, too old, too fast, or outside the gate."""
-        return self._refused
+        self.refused = False
 
     @property
     def off_command(self) -> tuple[int, ...]:
@@ -121,10 +119,10 @@ class JointObserver:
         oldest_s = time_s - _MEMORY_S
         while past[0][0] < oldest_s:
             past.popleft()
-        self._refused = False
+        self.refused = False
         # Written so that a NaN is refused. A driver that gives the same reading for ever has none.
         if measured is not None and not measured.time_s >= oldest_s:
-            self._refused = True
+            self.refused = True
         elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
             self._take_in(measured, time_s, held)
         self._note_estimate()
@@ -147,7 +145,7 @@ class JointObserver:
         # A velocity that the robot does not measure is NaN.
         too_fast = any(abs(speed) > _ANY_SPEED_RAD_S for speed in measured.velocity_rad_s.tolist())
         if too_fast or not (in_memory and all(abs(angle_rad) < _ANY_TURN_RAD for angle_rad in angles)):
-            self._refused = True
+            self.refused = True
             return
         at = len(self._past) - 1
         while self._past[at][0] > measured_s:
@@ -160,7 +158,7 @@ class JointObserver:
         far = not first and any(abs(e) > _GATE_RAD for axis, e in enumerate(errors_rad) if axis not in held)
         self._refused_in_a_row = self._refused_in_a_row + 1 if far else 0
         if far and self._refused_in_a_row < _READINGS_TO_BELIEVE:
-            self._refused = True
+            self.refused = True
             return
         self._measured_s = measured.time_s
         self._refused_in_a_row = 0

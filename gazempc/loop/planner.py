@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from gazempc.controllers.controller import Controller, ControllerError, Plan, Situation
 from gazempc.loop.boundary import PartError, Slow, boundary, checked_plan, slow_call
@@ -37,18 +36,23 @@ class Answer:
     plan_ms: float
 
 
-class Planner(Protocol):
-    """Takes observations in, and takes one request at a time.
+class ImmediatePlanner:
+    """Takes observations in, and takes one request at a time; plans within `request`, for replays in simulated time.
+
+    Args:
+        controller: Makes the plans.
 
     Attributes:
-        controller: Makes the plans.
+        controller: The same.
     """
 
-    controller: Controller
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self._answered: list[Answer] = []
 
     def see(self, take_in: Callable[[], None]) -> None:
-        """Take observations in, before the next plan; while a call is under way, only the newest one is kept."""
-        ...
+        """Take observations in, before the next plan."""
+        take_in()
 
     def request(self, due_index: int, situate: Situate) -> bool:
         """Ask for a plan.
@@ -60,56 +64,24 @@ class Planner(Protocol):
         Returns:
             False if the last request has not been answered yet; this one is then not taken.
         """
-        ...
-
-    def answers(self) -> list[Answer]:
-        """What has been answered since the last call."""
-        ...
-
-    def slow_call(self, ended: bool = False) -> Slow | None:
-        """A call of a part that takes long, see `gazempc.loop.boundary.slow_call`; None where all wait for it."""
-        ...
-
-    def close(self) -> None:
-        """End it; never raises."""
-        ...
-
-
-class ImmediatePlanner:
-    """Plans within `request`, for replays in simulated time.
-
-    Args:
-        controller: Makes the plans.
-    """
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-        self._answered: list[Answer] = []
-
-    def see(self, take_in: Callable[[], None]) -> None:
-        """See `Planner.see`."""
-        take_in()
-
-    def request(self, due_index: int, situate: Situate) -> bool:
-        """See `Planner.request`."""
         self._answered += _ask(self.controller, due_index, situate)
         return True
 
     def answers(self) -> list[Answer]:
-        """See `Planner.answers`."""
+        """What has been answered since the last call."""
         answered, self._answered = self._answered, []
         return answered
 
     def slow_call(self, ended: bool = False) -> Slow | None:
-        """See `Planner.slow_call`: computing takes no simulated time."""
+        """A call of a part that takes long, see `gazempc.loop.boundary.slow_call`; here computing takes no time."""
         return None
 
     def close(self) -> None:
-        """See `Planner.close`."""
+        """End it; never raises."""
 
 
 class BackgroundPlanner:
-    """Takes observations in and plans in a thread of its own, for a real clock.
+    """The same in a thread of its own, for a real clock; while a call is under way, only the newest frame is kept.
 
     Args:
         controller: Makes the plans; its methods are called by this thread only.
@@ -128,12 +100,12 @@ class BackgroundPlanner:
         self._thread.start()
 
     def see(self, take_in: Callable[[], None]) -> None:
-        """See `Planner.see`."""
+        """See `ImmediatePlanner.see`."""
         self._take_in.append(take_in)
         self._wake.set()
 
     def request(self, due_index: int, situate: Situate) -> bool:
-        """See `Planner.request`."""
+        """See `ImmediatePlanner.request`."""
         if self._busy:
             return False
         self._busy = True
@@ -142,7 +114,7 @@ class BackgroundPlanner:
         return True
 
     def answers(self) -> list[Answer]:
-        """See `Planner.answers`.
+        """See `ImmediatePlanner.answers`.
 
         Raises:
             BaseException: A fault of the program in the thread, which has ended.
@@ -157,11 +129,11 @@ class BackgroundPlanner:
         return found
 
     def slow_call(self, ended: bool = False) -> Slow | None:
-        """See `Planner.slow_call`."""
+        """See `ImmediatePlanner.slow_call`."""
         return slow_call(self._thread.ident or 0, ended)
 
     def close(self) -> None:
-        """See `Planner.close`; waits for a call under way for a moment only."""
+        """See `ImmediatePlanner.close`; waits for a call under way for a moment only."""
         self._closed = True
         self._wake.set()
         self._thread.join(timeout=1.0)
@@ -177,6 +149,9 @@ class BackgroundPlanner:
                     self._answered.put(_ask(self.controller, *self._asked.popleft()))
         except BaseException as error:
             self._answered.put(error)
+
+
+Planner = ImmediatePlanner | BackgroundPlanner
 
 
 def _ask(controller: Controller, due_index: int, situate: Situate) -> list[Answer]:

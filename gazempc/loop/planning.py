@@ -67,7 +67,7 @@ class Planning:
             self._refused_until = until_index + self._delay_ticks
 
     def see(self, arrived: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """Take observations in; see `gazempc.loop.planner.Planner.see`.
+        """Take observations in; see `gazempc.loop.planner.ImmediatePlanner.see`.
 
         Args:
             arrived: Observations that have arrived.

@@ -39,6 +39,9 @@ class LoopRecorder:
     Args:
         control_period_s: Time between two plans, seconds; the rarest event that lasts comes once in it.
         watch: Called with each moment as it is recorded; must not block. None: no listener.
+
+    Attributes:
+        used: Number of observations that the predictor used.
     """
 
     def __init__(self, control_period_s: float, watch: Callable[[Moment], None] | None = None) -> None:
@@ -52,7 +55,7 @@ class LoopRecorder:
         self._event_last_s: dict[str, float] = {}
         self._faults: dict[str, Fault] = {}
         self._tracebacks: dict[str, traceback.TracebackException] = {}
-        self._used = 0
+        self.used = 0
         self._refused: Counter[str] = Counter()
         self._update_ms, self._step_ms, self._latency_ms = array("d"), array("d"), array("d")
 
@@ -74,11 +77,6 @@ class LoopRecorder:
         """
         faults = list(self._faults.values())
         return tuple(replace(each, traceback="".join(self._tracebacks[each.event].format())) for each in faults)
-
-    @property
-    def used(self) -> int:
-        """Number of observations that the predictor used."""
-        return self._used
 
     @property
     def refusals(self) -> dict[str, int]:
@@ -110,7 +108,7 @@ class LoopRecorder:
             update_ms: Duration of the predictor's update, milliseconds.
             used: Whether the predictor used it.
         """
-        self._used += used
+        self.used += used
         stated = (
             _NO_FORECAST
             if forecast is None

@@ -205,6 +205,10 @@ class Smoother:
     Args:
         neck: The neck whose limits apply.
         position_rad: Where the command starts, at rest, shape (N,), radians; clipped to the limits.
+
+    Attributes:
+        motions: The command as it was last sent, in plain numbers, one motion a joint.
+        intervention: Of the last step; empty if the plan was followed.
     """
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
@@ -223,23 +227,13 @@ class Smoother:
             for i in range(neck.joints)
         ]
         start = limits.clip_position(np.asarray(position_rad, dtype=np.float64))
-        self._now: tuple[AxisMotion, ...] = tuple([(each_rad, 0.0, 0.0) for each_rad in start.tolist()])
-        self._intervention: Intervention = ""
+        self.motions: tuple[AxisMotion, ...] = tuple([(each_rad, 0.0, 0.0) for each_rad in start.tolist()])
+        self.intervention: Intervention = ""
 
     @property
     def command(self) -> CommandState:
         """The command as it was last sent; its arrays are made on request."""
-        return CommandState(*np.array(self._now).T.copy())
-
-    @property
-    def motions(self) -> tuple[AxisMotion, ...]:
-        """The same in plain numbers, one motion a joint."""
-        return self._now
-
-    @property
-    def intervention(self) -> Intervention:
-        """Intervention of the last step; empty if the plan was followed."""
-        return self._intervention
+        return CommandState(*np.array(self.motions).T.copy())
 
     def step(self, time_s: float, plan: Plan | None, speed_limit_rad_s: float | None = None) -> FloatArray:
         """Make the next command.
@@ -253,15 +247,15 @@ class Smoother:
             The angles to send, shape (N,), radians; the whole motion is in `command`.
         """
         if plan is None or time_s >= plan.end_s or not plan.is_finite():
-            self._now = tuple([axis.toward_rest(now) for axis, now in zip(self._axes, self._now, strict=True)])
-            self._intervention = "stale_plan"
+            self.motions = tuple([axis.toward_rest(now) for axis, now in zip(self._axes, self.motions, strict=True)])
+            self.intervention = "stale_plan"
             return self._position_rad()
         speed_limit = speed_limit_rad_s or math.inf
-        each = zip(self._axes, self._now, plan.motions_at(time_s), strict=True)
+        each = zip(self._axes, self.motions, plan.motions_at(time_s), strict=True)
         steps = [axis.toward(now, wanted, speed_limit) for axis, now, wanted in each]
-        self._now = tuple([following for following, _ in steps])
-        self._intervention = "limit_guard" if any(stopped for _, stopped in steps) else ""
+        self.motions = tuple([following for following, _ in steps])
+        self.intervention = "limit_guard" if any(stopped for _, stopped in steps) else ""
         return self._position_rad()
 
     def _position_rad(self) -> FloatArray:
-        return np.array([motion[0] for motion in self._now])
+        return np.array([motion[0] for motion in self.motions])

@@ -29,17 +29,14 @@ class Target(Protocol):
     @property
     def predictor(self) -> Predictor:
         """A predictor of a person, with which the loop prepares itself."""
-        ...
 
     @property
     def newest_capture_s(self) -> float | None:
         """Capture time of the newest observation of the person to look at, seconds; None before the first one."""
-        ...
 
     @property
     def newest(self) -> HeadObservation | None:
         """The newest observation that was used; None before the first one."""
-        ...
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """Take in what has arrived since the last tick; called at every tick.
@@ -49,7 +46,6 @@ class Target(Protocol):
             time_s: The time, seconds.
             recorder: Records observations and the forecasts after them, or why they were dropped.
         """
-        ...
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """Ask where to look.
@@ -62,7 +58,6 @@ class Target(Protocol):
         Returns:
             The forecast; None if there is none that can be used.
         """
-        ...
 
 
 class AroundTarget:

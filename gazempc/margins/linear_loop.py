@@ -171,5 +171,4 @@ class LinearLoop:
         z = np.exp(1j * omega_rad_s * self.period_s)[:, None, None]
         lifted = C @ np.linalg.solve(z * np.eye(self.size) - A, np.broadcast_to(B, (z.size, *B.shape))) + D
         wave = np.exp(1j * np.outer(omega_rad_s, self._h * np.arange(self.ticks)))
-        loop: ComplexArray = -np.einsum("fi,fij,fj->f", wave.conj(), lifted, wave) / self.ticks
-        return loop
+        return np.asarray(-np.einsum("fi,fij,fj->f", wave.conj(), lifted, wave) / self.ticks)

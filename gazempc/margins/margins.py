@@ -145,8 +145,7 @@ def _is_stable(loop: LinearLoop) -> bool:
 
 
 def _frequencies(neck: NeckSpec, points: int) -> FloatArray:
-    omega: FloatArray = np.geomspace(_LOWEST_RAD_S, math.pi / neck.servo_period_s, points, endpoint=False)
-    return omega
+    return np.asarray(np.geomspace(_LOWEST_RAD_S, math.pi / neck.servo_period_s, points, endpoint=False))
 
 
 def _of_joint(mpc: Mpc, index: int) -> Margins:

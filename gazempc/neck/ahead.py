@@ -78,8 +78,7 @@ class JointAhead:
             Angles without the offset, shape (K,), radians.
         """
         sent, future = sent_rad[len(sent_rad) - self.sent_needed :], future_rad[: self.future_needed]
-        angles_rad: FloatArray = self.maps[0] @ np.concatenate(((position_rad, velocity_rad_s), sent, future))
-        return angles_rad
+        return np.asarray(self.maps[0] @ np.concatenate(((position_rad, velocity_rad_s), sent, future)))
 
 
 class SettledJoints:
@@ -118,8 +117,7 @@ class SettledJoints:
         """
         sent = sent_rad[len(sent_rad) - self._sent :]
         known = np.concatenate((position_rad[None], velocity_rad_s[None], sent, committed_rad))
-        settled: FloatArray = (self._maps @ known.T[:, :, None])[:, :, 0].T
-        return settled
+        return np.asarray((self._maps @ known.T[:, :, None])[:, :, 0].T)
 
 
 # Made once for each neck and delay. Safe: the key is frozen, and the maps are not changed.

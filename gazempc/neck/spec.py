@@ -10,11 +10,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
-from pydantic.config import JsonDict
 
 from gazempc.neck.rules import RULES
 from gazempc.neck.speed_steps import SpeedSteps
-from gazempc.specfiles import RULE_OF_THUMB, load_spec, shipped_names
+from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import BoolArray, FloatArray
 
 # The joints that every neck has; eyes and body come after them.
@@ -27,6 +26,7 @@ _View = Annotated[float, Field(gt=0, le=180)]
 # Longer than any robot's arm or mast, metres.
 _Offset = Annotated[float, Field(ge=-3, le=3)]
 _Point = tuple[_Offset, _Offset, _Offset]
+_RULES = {field: f"rule of thumb: {rule}" for field, rule in RULES.items()}
 
 
 class Geometry(BaseModel):
@@ -41,11 +41,6 @@ class Geometry(BaseModel):
     eye_in_tilt_m: _Point = Field(
         default=(0.0, 0.0, 0.0), description="Eye, seen from the tilt axis, metres; it looks along +x"
     )
-
-
-def _rule(field: str) -> JsonDict:
-    """Rule of thumb in the message about a missing field."""
-    return {RULE_OF_THUMB: RULES[field]}
 
 
 class Axis(BaseModel):
@@ -67,14 +62,14 @@ class Axis(BaseModel):
     full_speed_rad_s: float | None = Field(
         default=None, ge=0.01, le=1e3, description="Speed at the device's full command; None for velocity_max_rad_s"
     )
-    position_min_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_min_deg"))
-    position_max_deg: float = Field(ge=-360, le=360, json_schema_extra=_rule("position_max_deg"))
-    velocity_max_rad_s: float = Field(ge=0.01, le=1e3, json_schema_extra=_rule("velocity_max_rad_s"))
-    acceleration_max_rad_s2: float = Field(ge=0.01, le=1e6, json_schema_extra=_rule("acceleration_max_rad_s2"))
-    jerk_max_rad_s3: float = Field(ge=0.1, le=1e9, json_schema_extra=_rule("jerk_max_rad_s3"))
-    natural_frequency_rad_s: float = Field(ge=0.01, le=1e3, json_schema_extra=_rule("natural_frequency_rad_s"))
-    damping_ratio: float = Field(gt=0.1, le=10, json_schema_extra=_rule("damping_ratio"))
-    dead_time_s: float = Field(ge=0, le=5, json_schema_extra=_rule("dead_time_s"))
+    position_min_deg: float = Field(ge=-360, le=360, description=_RULES["position_min_deg"])
+    position_max_deg: float = Field(ge=-360, le=360, description=_RULES["position_max_deg"])
+    velocity_max_rad_s: float = Field(ge=0.01, le=1e3, description=_RULES["velocity_max_rad_s"])
+    acceleration_max_rad_s2: float = Field(ge=0.01, le=1e6, description=_RULES["acceleration_max_rad_s2"])
+    jerk_max_rad_s3: float = Field(ge=0.1, le=1e9, description=_RULES["jerk_max_rad_s3"])
+    natural_frequency_rad_s: float = Field(ge=0.01, le=1e3, description=_RULES["natural_frequency_rad_s"])
+    damping_ratio: float = Field(gt=0.1, le=10, description=_RULES["damping_ratio"])
+    dead_time_s: float = Field(ge=0, le=5, description=_RULES["dead_time_s"])
     rest_deg: float = Field(
         default=0.0, ge=-360, le=360, description="Where the joint stands without a person; it returns there slowly"
     )

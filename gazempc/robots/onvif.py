@@ -50,7 +50,6 @@ class OnvifDevice:
         self._ranges: dict[str, Any] = {}
         range_deg = options.range_deg
         self._ends_rad = None if range_deg is None else np.deg2rad(range_deg).reshape(2, 2).tolist()
-        self.takes_angles = range_deg is not None
 
     def open(self) -> None:
         """See `SpeedDevice.open`: logs in, and finds the profile that turns.
@@ -91,7 +90,7 @@ class OnvifDevice:
         )  # fmt: skip
 
     def go_to(self, angles_rad: Pair) -> None:
-        """See `SpeedDevice.go_to`."""
+        """Go to angles within the option `range_deg`; returns when the camera has accepted them."""
         pan, tilt = (
             2.0 * (angle - low) / (high - low) - 1.0
             for angle, (low, high) in zip(angles_rad, self._ends_rad or (), strict=True)
@@ -175,7 +174,9 @@ class OnvifCamera(SpeedCamera):
     """
 
     def __init__(self, address: str, neck: NeckSpec, clock_s: Callable[[], float], options: OnvifOptions) -> None:
-        super().__init__(OnvifDevice(address, neck, options), neck, clock_s, (None, None))
+        device = OnvifDevice(address, neck, options)
+        go_to = None if options.range_deg is None else device.go_to
+        super().__init__(device, neck, clock_s, (None, None), go_to)
 
 
 def _login(options: OnvifOptions) -> tuple[str, str]:

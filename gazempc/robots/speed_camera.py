@@ -38,18 +38,12 @@ class SpeedDevice(Protocol):
     def open(self) -> None:
         """Connect; moves nothing."""
 
-    #: Whether it can be sent to angles.
-    takes_angles: bool
-
     def drive(self, speeds_rad_s: Pair) -> None:
         """Hold speeds of pan and tilt, rad/s, positive to the left and up; returns when the device has accepted them.
 
         Args:
             speeds_rad_s: Speeds that the device has; two zeros stop it.
         """
-
-    def go_to(self, angles_rad: Pair) -> None:
-        """Go to angles of pan and tilt, radians; returns when the device has accepted them."""
 
     def angles_rad(self) -> Pair | None:
         """Ask for pan and tilt, radians; None if the device does not tell."""
@@ -77,6 +71,8 @@ class SpeedCamera:
         neck: The neck: two joints with ``command = "velocity"``, or both with angles for a device that takes these.
         clock_s: The loop's time, seconds.
         steps: Speeds of pan and tilt; None for a joint that has all speeds.
+        go_to: Goes to angles of pan and tilt, radians, and returns when the device has accepted them; None for a device
+            that takes speeds only.
 
     Raises:
         SettingsError: If the neck has other joints, or a joint takes angles.
@@ -88,11 +84,12 @@ class SpeedCamera:
         neck: NeckSpec,
         clock_s: Callable[[], float],
         steps: tuple[SpeedSteps | None, SpeedSteps | None],
+        go_to: Callable[[Pair], None] | None = None,
     ) -> None:
-        self._angles = device.takes_angles and not neck.takes_speeds
+        self._angles = go_to is not None and not neck.takes_speeds
         if neck.joints != 2 or not (self._angles or neck.speed_joints.all()):
             raise SettingsError(f'neck {neck.name!r}: accepted: pan and tilt with command = "velocity", such as ptz')
-        self._send = device.go_to if self._angles else device.drive
+        self._send = device.drive if go_to is None or neck.takes_speeds else go_to
         self._limits_rad = neck.position_min_rad, neck.position_max_rad
         self._device, self._clock_s, self._reports = device, clock_s, neck.reports_joints
         self._dithers = [SpeedDither(s, axis.velocity_max_rad_s) for s, axis in zip(steps, neck.axes, strict=True)]
@@ -102,7 +99,7 @@ class SpeedCamera:
         self._sending = self._closing = False
         self._problem = ""
         self._state: JointState | None = None
-        self._chosen_s = self._fed_s = self._sent_s = -np.inf
+        self._chosen_s = self._fed_s = -np.inf
 
     def connect(self) -> None:
         """Connect and stop the camera; see `gazempc.robots.robot.Robot.connect`."""

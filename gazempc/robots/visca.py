@@ -206,9 +206,6 @@ class ViscaDevice:
         self._link: ViscaLink | None = None
         self._guard: subprocess.Popen[bytes] | None = None
 
-    #: VISCA has moves to angles, too; makers disagree about their units.
-    takes_angles = False
-
     def open(self) -> None:
         """See `SpeedDevice.open`; the camera has to answer."""
         if self._emulator is not None:
@@ -229,10 +226,6 @@ class ViscaDevice:
             for steps, speed, direction in zip(self.steps, speeds_rad_s, self._options.directions, strict=True)
         )
         self._opened.command(wire.drive_payload(one, other))
-
-    def go_to(self, angles_rad: Pair) -> None:
-        """See `SpeedDevice.go_to`; never called."""
-        raise RobotError("visca: moves to angles are not supported")
 
     def angles_rad(self) -> Pair | None:
         """See `SpeedDevice.angles_rad`."""
@@ -288,7 +281,7 @@ class ViscaDevice:
 
 
 class ViscaCamera(SpeedCamera):
-    """Robot ``visca:HOST[:PORT]``.
+    """Robot ``visca:HOST[:PORT]``. VISCA has moves to angles, too, but makers disagree about their units.
 
     Args:
         address: HOST, HOST:PORT or ``emulator``.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import math
 import socket
 import threading
@@ -36,7 +34,6 @@ class ViscaServer:
         plant: The neck, connected: takes speeds, and has `true_state`.
         neck: Its speed table.
         plant_lock: Held while the plant is used.
-        answer_delay_s: Time from a packet to its answer, seconds.
 
     Attributes:
         address: Host and port.
@@ -44,10 +41,8 @@ class ViscaServer:
         silent: Whether packets are neither read nor answered, as by a camera without power.
     """
 
-    def __init__(
-        self, plant: Robot, neck: NeckSpec, plant_lock: threading.Lock | None = None, answer_delay_s: float = 0.0
-    ) -> None:
-        self._plant, self._lock, self._delay_s = plant, plant_lock or threading.Lock(), answer_delay_s
+    def __init__(self, plant: Robot, neck: NeckSpec, plant_lock: threading.Lock | None = None) -> None:
+        self._plant, self._lock = plant, plant_lock or threading.Lock()
         self._steps = wire.visca_steps(neck)
         self._sequence = 0
         self.driven: list[tuple[float, int, int]] = []
@@ -66,20 +61,14 @@ class ViscaServer:
         self._socket.close()
 
     def _work(self) -> None:
-        waiting: list[tuple[float, int, bytes, tuple[str, int]]] = []
-        number = itertools.count()
+        self._socket.settimeout(0.05)
         while not self._closing:
-            now_s = time.monotonic()
-            while waiting and waiting[0][0] <= now_s:
-                _, _, packet, to = heapq.heappop(waiting)
-                self._socket.sendto(packet, to)
-            self._socket.settimeout(max(min(waiting[0][0] - now_s, 0.05), 1e-4) if waiting else 0.05)
             try:
                 packet, sender = self._socket.recvfrom(64)
             except OSError:
                 continue
             for answer in () if self.silent else self._answers(packet):
-                heapq.heappush(waiting, (time.monotonic() + self._delay_s, next(number), answer, sender))
+                self._socket.sendto(answer, sender)
 
     def _answers(self, packet: bytes) -> list[bytes]:
         found = wire.unpack(packet)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from gazempc.progress import Progress
+from gazempc.command import Progress
 from gazempc.results.metrics import measure
 from gazempc.results.moments import Moment, PlanMoment
 from gazempc.results.run_summary import Row, faults, make_rows, measure_compute

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gazempc.controllers.controller import Situation
+from gazempc.controllers.controller import CommandState, Situation
 from gazempc.loop.joints import FollowingWatch
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
@@ -18,6 +18,22 @@ NECK = load_neck("reference")
 def forecast(times_s, path, sigma_m=np.zeros_like, issued_at_s=0.0):
     times = np.asarray(times_s)
     return Forecast(times, path(times), sigma_m(times)[:, None, None] ** 2 * np.eye(3), issued_at_s)
+
+
+def at_rest(neck, known, command_rad=None, start_s=0.0, offset_rad=None, **changes):
+    """A situation with the joints at rest at their commands; angles of all joints, by default 0."""
+    zero = np.zeros(neck.joints)
+    command_rad, offset_rad = (zero if each is None else np.asarray(each) for each in (command_rad, offset_rad))
+    values = {
+        "forecast": known,
+        "command": CommandState(command_rad, zero, zero),
+        "joint_position_rad": command_rad + offset_rad,
+        "joint_velocity_rad_s": zero,
+        "joint_offset_rad": offset_rad,
+        "sent_rad": np.tile(command_rad, (200, 1)),
+        "committed_rad": np.zeros((0, neck.joints)),
+    }
+    return Situation(settled_joints(neck, 0), start_s, **(values | changes))
 
 
 def run(
@@ -83,6 +99,18 @@ def run(
         commands.append(command_rad)
         errors.append(float(gaze_error_rad(neck.geometry, true.position_rad, path(np.array([now]))[0])))
     return np.array(joints), np.array(commands), np.rad2deg(errors)
+
+
+def assert_within(limits, positions, period_s):
+    """Positions from rest on are within limits of position, velocity, acceleration and jerk: of a command or a neck."""
+    x = np.vstack([np.tile(positions[0], (3, 1)), positions])
+    assert np.all(x <= limits.position_max_rad + 1e-9)
+    assert np.all(x >= limits.position_min_rad - 1e-9)
+    bounds = limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3
+    for order, bound in enumerate(bounds, start=1):
+        # Differences of angles carry 1e-16 / period^order of rounding.
+        peak = np.abs(np.diff(x, order, axis=0)).max(axis=0) / period_s**order
+        assert np.all(peak <= bound * (1 + 1e-6) + 1e-13 / period_s**order), f"derivative {order}"
 
 
 def crossing(times):

@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 from builders import bags, exports, skeletons
 from builders.recordings import synthetic
 from builders.replays import replayed
-from experiments.engine.cache import Cache, read_result
+from experiments.engine.engine import Cache, read_result
 from experiments.sweep.plan import load_plan
 from gazempc.identify.record import NeckRecord, load_record
 from gazempc.identify.tracker.read import of_lines
-from gazempc.live.sources.camera.intrinsics import _plain_yaml
+from gazempc.live.sources.camera.intrinsics import _values
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
@@ -239,7 +239,7 @@ def sound_files(folder):
     camera.write_text(
         "image_width: 640\ncamera_matrix:\n  rows: 3\n  data: [500., 0., 320., 0., 500., 240., 0., 0., 1.]\n"
     )
-    make("camera", camera, _plain_yaml)
+    make("camera", camera, _values)
     cache = Cache(sub("arrays"))
     cache.keep("arrays", {"left_out": None, "failed": None, "error_m": np.arange(20.0)})
     make("arrays", folder / "arrays" / "arrays.npz", read_result)

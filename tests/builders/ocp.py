@@ -14,10 +14,11 @@ NECK = load_neck("reference")
 N = 20
 T = 0.1
 LIMITS = np.array([1.4, 2.5, 1.4, 2.5, 15.0])
-ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
 ZETA = 0.8  # damping ratio, so that the velocity has a weight
 DAMPING = 4 * ZETA**2 - 2
 JERK_TIME_S = 0.025
+QUIET = {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-11, "error_on_fail": True}
+QUIET["ipopt.bound_relax_factor"] = 0.0
 
 
 def shot(o, neck, index, state, jerks):
@@ -53,9 +54,7 @@ def ipopt_of(neck, index, lengths, tuning, soft, terms=(), rows=()):
     unknowns, free = ca.veccat(z[:, 1:], j, slack), (5 * n, n, m)
     program = {"x": unknowns, "p": ca.veccat(z[:, 0], o.r), "f": 1e4 * cost}
     program["g"] = ca.vertcat(defects, kept - slack, kept + slack)
-    quiet = {"print_time": 0, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-11, "error_on_fail": True}
-    quiet["ipopt.bound_relax_factor"] = 0.0
-    solver = ca.nlpsol("solver", "ipopt", program, quiet)
+    solver = ca.nlpsol("solver", "ipopt", program, QUIET)
     upper = np.repeat([np.inf, 1.0, np.inf if soft else 0.0], free)
     lower = np.repeat([-np.inf, -1.0, 0.0], free)
     bounds = {"lbx": lower, "ubx": upper}

@@ -84,10 +84,10 @@ class SharedNeck(SimulatedNeck):
 
 
 @contextmanager
-def camera(neck: NeckSpec = QUICK, answer_delay_s: float = 0.0) -> Iterator[tuple[ViscaServer, SharedNeck]]:
+def camera(neck: NeckSpec = QUICK) -> Iterator[tuple[ViscaServer, SharedNeck]]:
     """A camera, and the neck that it turns."""
     plant = SharedNeck(neck)
-    server = ViscaServer(plant, neck, answer_delay_s=answer_delay_s)
+    server = ViscaServer(plant, neck)
     try:
         yield server, plant
     finally:

@@ -81,12 +81,6 @@ def test_default_predictor_and_one_perfect_run_for_all():
     assert {row["predictor"] for row in labels if row["controller"] == "reactive"} == {"walker", "head_pose"}
 
 
-def test_a_job_is_named_by_all_it_depends_on(tmp_path):
-    jobs = [job for _, job in runs(tmp_path)]
-    assert len({job.key() for job in jobs}) == len(jobs)
-    assert runs(tmp_path, seed=1)[0][1].key() != jobs[0].key()
-
-
 @pytest.mark.slow
 def test_everyday_people_are_compared_with_their_own_metrics(tmp_path):
     """Two words of a user's, one person who stands and one who starts; the walks stay what they were."""

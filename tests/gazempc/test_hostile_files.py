@@ -14,8 +14,8 @@ import pytest
 from backports import zstd
 from builders import bags
 
-from experiments.engine.cache import read_result
 from experiments.engine.choices import find_recordings
+from experiments.engine.engine import read_result
 from experiments.sweep.plan import load_plan
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.files.documents import parse_toml

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from gazempc.identify.tracker.errors import GroupFit, measure_errors
-from gazempc.identify.tracker.jumps import TrackJumps, runs
+from gazempc.identify.tracker.errors import GroupFit, TrackJumps, measure_errors, runs
 from gazempc.identify.tracker.likelihood import Stretches
 from gazempc.identify.tracker.read import HeadTrack
 from gazempc.identify.tracker.timing import FrameTimes, frame_times
@@ -47,22 +46,11 @@ class DirectionError:
     Attributes:
         fit: The fit, as a share of the range or in radians.
         wander: `known`, `none` (the data show none, or no more than a person's sway), or `unknown` (the person moved).
+        used_s: Seconds that were used.
     """
 
     fit: GroupFit
     wander: Literal["known", "none", "unknown"]
-
-
-@dataclass(frozen=True)
-class YawErrors:
-    """Errors of one yaw.
-
-    Attributes:
-        error: White error and wander, radians.
-        used_s: Seconds that were used.
-    """
-
-    error: DirectionError
     used_s: float
 
 
@@ -75,7 +63,6 @@ class TrackerErrors:
         along: Error of the range, shares of it.
         across: Error of the bearing on each of its two axes, radians.
         jumps: Jumps of the track; sizes are shares of the range and radians.
-        used_s: Seconds of data used for the position errors.
         still_s: Seconds in which the person stood or sat still.
         range_m: Least, median and largest range, shape (3,), metres.
         head_yaw: None where it is not known.
@@ -87,12 +74,16 @@ class TrackerErrors:
     along: DirectionError
     across: DirectionError
     jumps: TrackJumps
-    used_s: float
     still_s: float
     range_m: FloatArray
-    head_yaw: YawErrors | None
-    pelvis_yaw: YawErrors | None
+    head_yaw: DirectionError | None
+    pelvis_yaw: DirectionError | None
     delay_s: float | None
+
+    @property
+    def used_s(self) -> float:
+        """Seconds of data used for the position errors."""
+        return self.along.used_s
 
     @property
     def moved(self) -> bool:
@@ -144,7 +135,6 @@ def measure_tracker(track: HeadTrack, report: Callable[[float], None]) -> Tracke
         along=along,
         across=across,
         jumps=jumps,
-        used_s=used_s,
         still_s=still_s,
         range_m=np.array([range_m.min(), middle_m, range_m.max()]),
         head_yaw=head,
@@ -240,12 +230,12 @@ def _direction(fit: GroupFit, used_s: float, moved: bool, sway: float) -> Direct
         wander = "unknown"
     elif fit.wander is None or fit.wander.value < sway:
         wander = "none"
-    return DirectionError(fit, wander)
+    return DirectionError(fit, wander, used_s)
 
 
 def _yaw(
     times_s: FloatArray, yaw_rad: FloatArray, stands: BoolArray, report: Callable[[float], None]
-) -> YawErrors | None:
+) -> DirectionError | None:
     known = np.isfinite(yaw_rad)
     if known.mean() < 0.1 or known.sum() < 30:
         return None
@@ -260,5 +250,4 @@ def _yaw(
     if not data.used.any():
         return None
     (fit,), _ = measure_errors(data, (0,), True, report)
-    used_s = data.duration_s
-    return YawErrors(_direction(fit, used_s, moved, 0.0), used_s)
+    return _direction(fit, data.duration_s, moved, 0.0)

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from gazempc.command import Progress
 from gazempc.files.whole import write_whole
 from gazempc.identify.estimate import Interval
 from gazempc.identify.new_neck import as_toml
 from gazempc.identify.tracker.errors import Known
-from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, YawErrors, measure_tracker
+from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
-from gazempc.progress import Progress
 from gazempc.results.table import aligned
 from gazempc.types import FloatArray
 
@@ -32,7 +32,7 @@ def table(errors: TrackerErrors) -> str:
 
 
 def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
-    frames, used = errors.frames, f"{errors.used_s:.0f} s"
+    frames = errors.frames
     low_m, middle_m, high_m = errors.range_m
     yield "range (m)", f"{middle_m:.2f}", f"median; {low_m:.2f} to {high_m:.2f}"
     yield "frames a second", f"{frames.rate_hz:.2f}", f"{frames.duration_s:.0f} s"
@@ -44,8 +44,8 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
     yield "longer gaps", f"{gaps_s.size}", spell
     if errors.delay_s is not None:
         yield "from stamp to arrival (ms)", f"{1e3 * errors.delay_s:.1f}", "median"
-    yield from _direction_rows("range", "% of the range", errors.along, 100.0, used)
-    yield from _direction_rows("bearing", "deg, each axis", errors.across, DEG, used)
+    yield from _direction_rows("range", "% of the range", errors.along, 100.0)
+    yield from _direction_rows("bearing", "deg, each axis", errors.across, DEG)
     jumps = errors.jumps
     if jumps.durations_s.size:
         along, across = map(np.median, errors.jump_sizes_m)
@@ -53,18 +53,16 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
         remark = f"{size}; up to {jumps.durations_s.max():.2f} s"
         yield "jumps a second", f"{jumps.durations_s.size / errors.used_s:.2f}", remark
     else:
-        yield "jumps a second", "0", used
+        yield "jumps a second", "0", f"{errors.used_s:.0f} s"
     for name, yaw in (("head yaw", errors.head_yaw), ("pelvis yaw", errors.pelvis_yaw)):
         if yaw is None:
             yield name, "-", "not in the recording"
         else:
-            yield from _direction_rows(name, "deg", yaw.error, DEG, f"{yaw.used_s:.0f} s")
+            yield from _direction_rows(name, "deg", yaw, DEG)
 
 
-def _direction_rows(
-    name: str, unit: str, error: DirectionError, factor: float, used: str
-) -> Iterator[tuple[str, str, str]]:
-    fit, label = error.fit, f"{name}: wander ({unit})"
+def _direction_rows(name: str, unit: str, error: DirectionError, factor: float) -> Iterator[tuple[str, str, str]]:
+    fit, label, used = error.fit, f"{name}: wander ({unit})", f"{error.used_s:.0f} s"
     white = f"< {factor * fit.white.value:.3f}" if fit.hidden else _shown(fit.white, factor, 3)
     yield f"{name}: white ({unit})", white, f"{used}; hidden by motion or smoothing" if fit.hidden else used
     if error.wander == "unknown":
@@ -160,8 +158,8 @@ def _direction_table(error: DirectionError, factor: float, unit: str) -> dict[st
     return values
 
 
-def _yaw_table(yaw: YawErrors | None) -> dict[str, object]:
-    return {"reported": False} if yaw is None else _direction_table(yaw.error, DEG, "deg")
+def _yaw_table(yaw: DirectionError | None) -> dict[str, object]:
+    return {"reported": False} if yaw is None else _direction_table(yaw, DEG, "deg")
 
 
 def _jumps_table(errors: TrackerErrors) -> dict[str, object]:

@@ -58,6 +58,14 @@ class Ros2Source(ABC):
         self._name, self._node_name, self._options = name, node_name, options
         self._clock_s, self._unix_to_loop_s, self._make_node = clock_s, to_loop_s, make_node
         self._node: Ros2Node | None = None
+        self._tf: TfListener | None = None
+        # Messages whose frames may not be known yet.
+        self._waiting: deque[Unplaced] = deque(maxlen=_WAITING_MAX)
+
+    def _unplaced(self, topic: Subscription, now_s: float) -> list[Unplaced]:
+        """Those that wait, and what has come."""
+        waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return waiting + [Unplaced(message, now_s + WAITS_S) for message in topic.take()]
 
     def _to_loop_s(self, ros_s: float) -> float:
         """A stamp on the loop's clock, seconds."""
@@ -184,7 +192,7 @@ class TfListener:
         return moved
 
 
-class _Unplaced(NamedTuple):
+class Unplaced(NamedTuple):
     """A message whose frame may not be known yet, and until when that is waited for."""
 
     message: Any
@@ -232,8 +240,6 @@ class Ros2Person(Ros2Source):
         self._topic, self._optical = topic_name(topic), optical
         name = f"ROS 2 topic {self._topic}"
         super().__init__(name, "gazempc_person", clock_s, to_loop_s, options or Ros2Options(), make_node)
-        self._waiting: deque[_Unplaced] = deque(maxlen=_WAITING_MAX)
-        self._tf: TfListener | None = None
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         self._poses = node.subscription(self._topic, self._options.pose_type)
@@ -246,12 +252,12 @@ class Ros2Person(Ros2Source):
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         if self._tf is not None:
             self._tf.listen(problems)
-        waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        waiting += [_Unplaced(message, now_s + WAITS_S) for message in self._poses.take()]
-        found = used(waiting, lambda each: self._seen(each, now_s, problems), self._topic, problems)
+        found = used(
+            self._unplaced(self._poses, now_s), lambda each: self._seen(each, now_s, problems), self._topic, problems
+        )
         return [Sighting(now_s, observation) for seen in found for observation in seen], ()
 
-    def _seen(self, waiting: _Unplaced, now_s: float, problems: list[str]) -> list[HeadObservation] | None:
+    def _seen(self, waiting: Unplaced, now_s: float, problems: list[str]) -> list[HeadObservation] | None:
         """Heads of a message; None while it waits for tf."""
         header = waiting.message.header
         time_s = stamp_s(header.stamp)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
 from gazempc.live.mount import Mount, placed
 from gazempc.live.settings import MountedSettings
-from gazempc.live.sources.ros2 import WAITS_S, Ros2Source, TfListener, used
+from gazempc.live.sources.ros2 import Ros2Source, TfListener, Unplaced, used
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.company import Cue, Glance, Sound
 from gazempc.robots.options import Ros2Options
@@ -28,16 +27,6 @@ _SAME_S, _SAME_M = 2.0, 0.3
 _TURN_RAD = 2.0 * math.pi
 # Nothing can be looked at that is in the neck itself.
 _NEAREST_M = 0.05
-_WAITING_MAX = 64
-
-
-class _Point(NamedTuple):
-    """A point whose frame may not be known yet: its time (None for now), and until when that is waited for."""
-
-    frame: str
-    place_m: FloatArray
-    time_s: float | None
-    until_s: float
 
 
 class Ros2Cues(Ros2Source):
@@ -67,9 +56,7 @@ class Ros2Cues(Ros2Source):
         self._sound_topic = "" if options.sound_topic is None else topic_name(options.sound_topic)
         name = self._point_topic or self._sound_topic
         super().__init__(name, "gazempc_cues", clock_s, to_loop_s, options, make_node)
-        self._tf: TfListener | None = None
         self._topics: dict[str, Subscription] = {}
-        self._waiting: deque[_Point] = deque(maxlen=_WAITING_MAX)
         self._pointed_s, self._pointed_m = -math.inf, np.full(3, np.inf)
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
@@ -89,10 +76,8 @@ class Ros2Cues(Ros2Source):
             sounds = self._topics[self._sound_topic].take()
             cues += used(sounds, lambda message: self._sound(message, now_s), self._sound_topic, problems)
         if self._point_topic:
-            points = self._topics[self._point_topic].take()
-            waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
-            cues += used(points, lambda message: self._point(message, now_s), self._point_topic, problems)
-            cues += used(waiting, lambda point: self._glance(point, now_s), self._point_topic, problems)
+            points = self._unplaced(self._topics[self._point_topic], now_s)
+            cues += used(points, lambda point: self._glance(point, now_s), self._point_topic, problems)
         return (), cues
 
     def _sound(self, message: Any, now_s: float) -> Sound:
@@ -108,31 +93,27 @@ class Ros2Cues(Ros2Source):
         x, y, _ = self._to_base(ahead) - self._to_base(np.zeros(3))
         return Sound(now_s, math.atan2(y, x))
 
-    def _point(self, message: Any, now_s: float) -> Glance | None:
-        frame, point, stamp = message.header.frame_id.lstrip("/"), message.point, message.header.stamp
-        place_m = np.array([point.x, point.y, point.z])
+    def _glance(self, waiting: Unplaced, now_s: float) -> Glance | None:
+        header, point, base_frame = waiting.message.header, waiting.message.point, self._options.base_frame
+        frame, place_m = header.frame_id.lstrip("/"), np.array([point.x, point.y, point.z, 1.0])
+        if base_frame is None or self._tf is None:
+            raise Ros2Error("a point needs options.ros2.base_frame")
         if not frame:
             raise Ros2Error("a point's header names no frame")
         if not np.isfinite(place_m).all():
-            raise Ros2Error(f"a point is at {place_m.tolist()}: needed are finite metres")
+            raise Ros2Error(f"a point is at {place_m[:3].tolist()}: needed are finite metres")
         # Without a stamp: now, as is usual in tf.
-        time_s = stamp_s(stamp) if stamp.sec or stamp.nanosec else None
+        time_s = stamp_s(header.stamp) if header.stamp.sec or header.stamp.nanosec else None
         if time_s is not None:
             on_loop_clock(time_s, self._to_loop_s, now_s)
-        return self._glance(_Point(frame, place_m, time_s, now_s + WAITS_S), now_s)
-
-    def _glance(self, point: _Point, now_s: float) -> Glance | None:
-        base_frame = self._options.base_frame
-        if base_frame is None or self._tf is None:
-            raise Ros2Error("a point needs options.ros2.base_frame")
         try:
-            pose = self._tf.transforms.pose(point.frame, base_frame, point.time_s)
+            pose = self._tf.transforms.pose(frame, base_frame, time_s)
         except Ros2Error as error:
-            if now_s >= point.until_s:
-                raise Ros2Error(f"a point is in the frame {point.frame!r}: {error}") from None
-            self._waiting.append(point)
+            if now_s >= waiting.until_s:
+                raise Ros2Error(f"a point is in the frame {frame!r}: {error}") from None
+            self._waiting.append(waiting)
             return None
-        target_m = self._to_base((pose @ np.append(point.place_m, 1.0))[:3])
+        target_m = self._to_base((pose @ place_m)[:3])
         if np.linalg.norm(target_m) < _NEAREST_M:
             raise Ros2Error(f"a point is in the neck itself, at {target_m.round(3).tolist()} m of its base")
         again = now_s - self._pointed_s < _SAME_S and math.dist(target_m, self._pointed_m) < _SAME_M
@@ -143,8 +124,8 @@ class Ros2Cues(Ros2Source):
         return Glance(target_m, self._options.point_lasts_s)
 
 
-def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> Ros2Cues | None:
-    """The listener to topics of cues; None where none is named.
+def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> tuple[Ros2Cues, ...]:
+    """The listener to topics of cues; empty where none is named.
 
     Args:
         settings: The settings.
@@ -157,7 +138,7 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
     """
     ros2 = settings.options.ros2
     if ros2.point_topic is None and ros2.sound_topic is None:
-        return None
+        return ()
     named = "options.ros2.point_topic" if ros2.point_topic is not None else "options.ros2.sound_topic"
     points, framed = ros2.point_topic is not None, ros2.base_frame is not None
     wrong = {
@@ -177,4 +158,4 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
         if applies:
             raise SettingsError(message)
     mount = settings.mount if mounted else Mount()
-    return Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m))
+    return (Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m)),)

@@ -281,6 +281,7 @@ class Ros4HriPeople(Ros2Source):
         return self._tf.topics
 
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+        assert self._tf is not None
         self._ids.listen()
         heads, unplaced = self._heads.heads(self._tf.listen(problems), now_s)
         problems += [f"/tf, {problem}" for problem in unplaced]

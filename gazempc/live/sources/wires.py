@@ -60,6 +60,11 @@ class Wire(Protocol):
         ...
 
 
+def is_loopback(host: str) -> bool:
+    """Whether only this computer reaches an address, which may be a name or abbreviated (127.1)."""
+    return ipaddress.ip_address(socket.gethostbyname(host)).is_loopback
+
+
 class StandardInput:
     """Lines from another process through a pipe."""
 
@@ -96,10 +101,7 @@ class UdpPort:
     @property
     def on_loopback(self) -> bool:
         """Whether only programs on this computer can send."""
-        host = self._address[0]
-        with contextlib.suppress(ValueError):
-            return ipaddress.ip_address(host).is_loopback
-        return host == "localhost"
+        return is_loopback(self._address[0])
 
     def open(self) -> None:
         """See `Wire.open`."""

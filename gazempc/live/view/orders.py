@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ipaddress
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +13,6 @@ ViewKind = Literal["foxglove", "web"]
 # The port that Foxglove offers, and one for pages that needs no rights.
 PORTS: dict[ViewKind, int] = {"foxglove": 8765, "web": 8080}
 LOOPBACK = ("127.0.0.1", "localhost")
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only this computer reaches an address, which may be a name or abbreviated (127.1)."""
-    return ipaddress.ip_address(socket.gethostbyname(host)).is_loopback
 
 
 def named(host: str) -> str:

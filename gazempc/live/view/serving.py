@@ -9,7 +9,8 @@ from typing import Protocol
 
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.live.process import second_to_the_run
-from gazempc.live.view.orders import ViewOrders, is_loopback
+from gazempc.live.sources.wires import is_loopback
+from gazempc.live.view.orders import ViewOrders
 from gazempc.parts import error_line
 from gazempc.results.log_files import NEEDS_VIEW
 from gazempc.results.moments import Moment

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import SettingsError
-from gazempc.live.view.orders import LOOPBACK, is_loopback, named
+from gazempc.live.sources.wires import is_loopback
+from gazempc.live.view.orders import LOOPBACK, named
 from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.results.log import RunInfo

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from experiments.eyes.human import compared, main, table
-from experiments.eyes.shifts import make_shift
+from experiments.eyes.human import compared, main, make_shift, table
 from gazempc.neck.human import head_velocity_rad_s, motor_scale, with_motion
 from gazempc.neck.spec import load_neck
 

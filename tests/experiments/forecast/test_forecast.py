@@ -1,4 +1,4 @@
-"""Forecast errors over recordings: known motions give known errors."""
+"""Forecast errors over recordings: known motions, places and smoothed truths give known errors."""
 
 import json
 
@@ -8,32 +8,19 @@ from bs4 import BeautifulSoup
 from builders.own_parts import own_module
 
 from experiments.forecast.command import forecast, main
-from experiments.forecast.errors import forecast_errors
+from experiments.forecast.errors import ForecastErrors, forecast_errors, placed_for, smooth_truth
+from experiments.forecast.summary import ClipResult, summarise
 from gazempc.recordings.load import load
+from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording, Track
 from gazempc.recordings.truth import TrueHead
+from gazempc.results.forecast_metrics import inside
 from gazempc.sim.sensor import load_sensor
 from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
 HORIZONS = np.array([0.25, 0.5, 1.0])
-KEYS = {
-    "predictor",
-    "cues",
-    "ratio_to_constant_velocity",
-    "n_people_seen_in_fitting",
-    "group",
-    "horizon_s",
-    "error_true_mm",
-    "error_filtered_mm",
-    "coverage_68",
-    "coverage_95",
-    "nees",
-    "update_us",
-    "n_clips",
-    "n_frames",
-}
 
 
 def straight_walk(speed=1.2, heading=0.7, seconds=4.0, name="line"):
@@ -91,7 +78,7 @@ def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
     words = ["--recordings", "subject01_R1", "subject02_R4", "--out", str(tmp_path), "--horizons", "0.5"]
     assert main([*words, "--predictors", "default", "last_position", "constant_velocity"]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
-    assert all(set(row) >= KEYS for row in rows)
+    assert all({"cues", "coverage_68", "nees", "update_us", "ratio_to_constant_velocity"} <= row.keys() for row in rows)
     assert {row["predictor"] for row in rows} == {"constant_velocity", "last_position", "walker"}
     assert {row["group"] for row in rows} == {"straight", "turn", "all"}
     everything = next(r for r in rows if r["group"] == "all" and r["predictor"] == "constant_velocity")
@@ -142,27 +129,6 @@ def test_people_who_stand_are_compared_with_the_last_position_too(tmp_path, monk
     assert of_cv["straight"] == "-"
 
 
-def test_one_table_has_the_errors_over_the_frame_rate(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
-    words = ["--recordings", "subject01_R1", "--predictors", "constant_velocity", "last_position", "--jobs", "1"]
-    assert (
-        main([*words, "--rates", "10", "2.5", "--sensors", "reference", "--horizons", "0.4", "--out", str(tmp_path)])
-        == 0
-    )
-    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
-    text = (tmp_path / "summary.md").read_text()
-    table = text.split("## By frame rate, sensor reference")[1].split("##")[0]
-    header, _, cv, last = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("|")]
-    assert header[3:] == ["2.5 Hz", "10 Hz"]
-    for line, name in ((cv, "constant_velocity"), (last, "last_position")):
-        for cell, rate in zip(line[3:], header[3:], strict=True):
-            (row,) = [
-                r for r in rows if (r["predictor"], r["group"], r["sensor"]) == (name, "all", f"reference at {rate}")
-            ]
-            assert cell == f"{row['error_true_mm']:.0f} ({row['ratio_to_constant_velocity']:.2f})"
-    assert "By frame rate" in (tmp_path / "report.html").read_text()
-
-
 def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name(tmp_path, monkeypatch):
     """With the settings of `constant_velocity` it errs as that does; with others it does not."""
     own = own_module(tmp_path, monkeypatch)
@@ -189,3 +155,123 @@ def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypat
     assert {(row["predictor"], row["group"]) for row in summary["rows"]} == {
         ("last_position", group) for group in ("straight", "turn", "all")
     }
+
+
+def elsewhere():
+    """A synthetic walk as motion capture gives it: nobody says where a robot stood."""
+    walk = load("subject01_R4")
+    return Recording(**vars(walk) | {"has_robot": False})
+
+
+def test_the_recordings_own_frame_serves_where_nothing_depends_on_the_place():
+    walk = elsewhere()
+    for name in ("perfect", "reference", "body_tracker", "street"):
+        assert placed_for(walk, load_sensor(name)) is walk
+
+
+def test_a_sensor_with_a_line_of_sight_stands_beside_the_walk_or_where_one_stood():
+    camera = load_sensor("face_camera")
+    walk = elsewhere()
+    expected = place(walk, "side", 2.5, 1.2).truth.head_position_m
+    np.testing.assert_array_equal(placed_for(walk, camera).truth.head_position_m, expected)
+    own = load("subject01_R4")
+    np.testing.assert_array_equal(placed_for(own, camera).truth.head_position_m, own.truth.head_position_m)
+
+
+OVER_S = 0.4
+
+
+def recorded(times_s, head_m, valid=None, measured=None):
+    unknown = np.full((times_s.size, 4), np.nan)
+    valid = np.ones(times_s.size, dtype=bool) if valid is None else valid
+    head_m = np.where(valid[:, None], head_m, np.nan)
+    track = Track(head_m, unknown, np.full_like(head_m, np.nan), unknown, valid)
+    return Recording("made", "made here", "motion capture", times_s, track, measured, False)
+
+
+def test_a_steady_walk_stays_as_it_is_to_its_ends_in_uneven_frames():
+    times_s = np.sort(np.random.default_rng(0).uniform(0.0, 3.0, 90))
+    head_m = np.array([1.0, 2.0, 1.6]) + np.outer(times_s, [1.2, -0.3, 0.0])
+    smooth = smooth_truth(recorded(times_s, head_m), OVER_S).truth.head_position_m
+    np.testing.assert_allclose(smooth, head_m, atol=1e-12)
+
+
+def test_a_wave_is_lowered_by_its_sinc_and_does_not_lag():
+    times_s = np.arange(0.0, 6.0, 0.01)
+    rate_rad_s = 2.0 * np.pi * 1.5
+    wave_m = np.stack([np.sin(rate_rad_s * times_s), np.cos(rate_rad_s * times_s), 0 * times_s], axis=1)
+    smooth = smooth_truth(recorded(times_s, wave_m), OVER_S).truth.head_position_m
+    inner = (times_s > OVER_S) & (times_s < 6.0 - OVER_S)
+    lowered = np.sinc(rate_rad_s * OVER_S / 2.0 / np.pi)
+    np.testing.assert_allclose(smooth[inner], lowered * wave_m[inner], atol=1e-3)
+
+
+def test_nothing_is_averaged_over_a_gap():
+    times_s = np.arange(0.0, 2.0, 0.02)
+    side_m = np.where(times_s < 1.0, 0.0, 5.0)
+    head_m = np.stack([side_m, side_m, 0 * side_m], axis=1)
+    valid = (times_s < 0.8) | (times_s > 1.1)
+    smooth = smooth_truth(recorded(times_s, head_m, valid), OVER_S).truth.head_position_m
+    np.testing.assert_allclose(smooth[valid], head_m[valid], atol=1e-12)
+    assert np.isnan(smooth[~valid]).all()
+
+
+def test_smoothed_truth_scores_what_the_track_hides(tmp_path):
+    """Frames are off by 20 mm across, to and fro: so is the last position against the smooth truth."""
+    times_s = np.arange(0, 4.0, 0.02)
+    off_m = 0.02 * (-1.0) ** np.arange(times_s.size)
+    rows = np.stack([times_s, 0.5 * times_s, 3.0 + off_m, np.full_like(times_s, 1.6)], axis=1)
+    path = tmp_path / "walk.csv"
+    np.savetxt(path, rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    words = {"recordings": [str(path)], "predictors": ["last_position"], "jobs": 1}
+
+    def across_mm(**more):
+        (found,) = forecast(**words, horizons=[0.02], out=tmp_path / "out", **more).results
+        return found.sensor, 1e3 * found.errors.difference_m[5:-20, 0, 1]
+
+    sensor, off_mm = across_mm(truth_smoothing=0.16)
+    assert sensor == "recorded"
+    np.testing.assert_allclose(np.abs(off_mm), 20.0, atol=0.5)
+    _, raw_mm = across_mm(sensors=["perfect"])
+    assert set(np.round(np.abs(raw_mm))) == {40.0}
+    sensor, off_mm = across_mm(truth_smoothing=0.16, sensors=["perfect"])
+    assert sensor == "perfect"
+    np.testing.assert_allclose(np.abs(off_mm), 20.0, atol=0.5)
+
+
+def test_a_walk_that_comes_too_near_is_left_out_where_the_place_matters(tmp_path, capsys):
+    """A circle of 2 m about its centre: beside it at 2.5 m the head comes within 0.5 m of a camera."""
+    times_s = np.arange(0, 8.0, 0.05)
+    angle_rad = 2.0 * np.pi * times_s / 8.0
+    rows = np.stack([times_s, 2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad), 0 * times_s + 1.6], axis=1)
+    np.savetxt(tmp_path / "round.csv", rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    words = ["--recordings", str(tmp_path / "round.csv"), "--sensors", "reference", "face_camera", "--jobs", "1"]
+    assert main([*words, "--predictors", "last_position", "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    (left_out,) = summary["left_out"]
+    assert left_out["sensor"] == "face_camera"
+    assert summary["n_left_out"] == 1
+    assert {row["sensor"] for row in summary["rows"]} == {"reference"}
+    assert f"- left out round: {left_out['left_out']}" in capsys.readouterr().out
+
+
+def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
+    """One scored frame."""
+    errors = ForecastErrors(
+        np.array([0.5]),
+        np.array([[[error_m, 0.0, 0.0]]]),
+        np.array([[0.0]]),
+        np.array([[nees]]),
+        np.array([freedom]),
+        np.array([1.0]),
+    )
+    return ClipResult(recording, "s", predictor, "both", "synthetic", recording, "turn", None, False, errors)
+
+
+def test_coverage_in_the_table_is_that_of_the_stated_tails():
+    """A NEES of 9 is beyond the 95 % of a normal distribution (7.8), and within those of t with 4 (9.9)."""
+    (_, normal) = summarise([clip("a", "normal", 1.0, np.inf, 9.0)])
+    (_, tailed) = summarise([clip("a", "tailed", 1.0, 4.0, 9.0)])
+    assert (normal["coverage_95"], tailed["coverage_95"]) == (0.0, 1.0)
+    assert inside(np.array([9.0]), np.array([4.0]), 0.90).tolist() == [False]
+    assert tailed["coverage_90"] == 0.0

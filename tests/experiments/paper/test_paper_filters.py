@@ -1,13 +1,49 @@
-"""The filter's time constant, and the sweep over filters by hand."""
+"""What the paper's statistics imply, the filter's time constant, and what a turn costs who goes straight on."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
+from scipy.stats import norm
 
-from experiments.paper.filters import sweep
-from experiments.paper.frames import (
-    acceleration_psd,
-)
+from experiments.paper.filters import sweep, turn_error_m, turn_needed_rad, turns_needed
+from experiments.paper.frames import acceleration_psd
+from experiments.paper.published import PUBLISHED, implied_frames, rank_biserial
+
+
+def printed_p(statistic, n, digits):
+    """One-tailed p value of a signed-rank sum by the normal approximation, as printed."""
+    mean, variance = n * (n + 1) / 4, n * (n + 1) * (2 * n + 1) / 24
+    return f"{norm.sf((statistic - mean) / np.sqrt(variance)):.{digits - 1}e}"
+
+
+def test_the_printed_statistics_imply_2808_and_2734_frames_and_at_least_1582():
+    implied = {p.group: implied_frames(p) for p in PUBLISHED}
+    assert (implied["R34"].fewest, implied["R34"].most) == (2808, 2808)
+    assert (implied["R56"].fewest, implied["R56"].most) == (2734, 2734)
+    assert (implied["R12"].fewest, implied["R12"].most) == (1582, None)
+    assert implied["R34"].thinned_p_value == pytest.approx(6.8e-8, rel=0.01)
+    assert implied["R56"].thinned_p_value == pytest.approx(0.22, abs=0.005)
+    assert np.isnan(implied["R12"].thinned_p_value)
+    assert implied["R34"].per_video == pytest.approx(2808 / 28)
+    assert implied["R12"].per_video == pytest.approx(1582 / 28)
+    for p in PUBLISHED[1:]:  # the numbers beside do not round to the printed p value
+        fits = {n for n in range(2600, 3000) if printed_p(p.statistic, n, 3) == f"{p.p_value:.2e}"}
+        assert fits == {implied[p.group].fewest}
+
+
+def test_the_published_test_of_straight_routes_asked_the_other_way_round():
+    """Half of the possible rank sums lie above the printed one: the baseline errs less."""
+    straight = implied_frames(PUBLISHED[0])
+    assert straight.worse_p_value == pytest.approx(0.0048, abs=1e-4)
+    assert straight.effect[1] < straight.effect[0] < 0
+    for n in (10, 57):
+        total = n * (n + 1) / 2
+        assert rank_biserial(total, n) == pytest.approx(1.0)
+        assert rank_biserial(0.0, n) == -1.0
+        assert rank_biserial(total / 2, n) == pytest.approx(0.0)
+
 
 FRAME_S = 1 / 30
 
@@ -58,3 +94,34 @@ def test_the_sweep_by_hand():
     assert table[0.1, "filtered", 1.0, "R12"].baseline_mm == pytest.approx(600)
     assert table[0.1, "true", 1.0, "R34"].baseline_mm == pytest.approx(2400)
     assert table[1.0, "filtered", 0.5, "R12"].weight == 0.0
+
+
+@given(way_m=st.floats(0.05, 2.0), turn_rad=st.floats(-6.0, 6.0, allow_subnormal=False))
+def test_error_of_going_straight_on_by_walking_the_arc(way_m, turn_rad):
+    """The arc in 4000 short steps, each in the direction at its middle."""
+    direction = turn_rad * (np.arange(4000) + 0.5) / 4000
+    end = way_m / 4000 * np.array([np.cos(direction).sum(), np.sin(direction).sum()])
+    assert turn_error_m(way_m, turn_rad) == pytest.approx(np.hypot(end[0] - way_m, end[1]), abs=1e-6)
+
+
+@given(way_m=st.floats(0.05, 2.0), turn_rad=st.floats(1e-6, 4.08))
+def test_the_turn_needed_is_the_inverse(way_m, turn_rad):
+    needed = turn_needed_rad(way_m, turn_error_m(way_m, turn_rad))
+    assert turn_error_m(way_m, needed) == pytest.approx(turn_error_m(way_m, turn_rad), abs=1e-9)
+    assert needed == pytest.approx(turn_rad, rel=1e-3, abs=1e-6) or turn_rad > 4.0  # flat near the largest
+
+
+def test_turns_needed_by_hand():
+    rows = [
+        {"group": "straight", "speed_m_s": [1.0, 1.2, 1.4], "turn_deg": [-10.0, 2.0, 4.0]},
+        {"group": "straight", "speed_m_s": [2.0, 2.0], "turn_deg": [0.0, -6.0]},
+        {"group": "sharp", "speed_m_s": [0.5], "turn_deg": [50.0]},
+        {"group": "elsewhere", "speed_m_s": [9.0], "turn_deg": [90.0]},
+        {"group": "straight"},
+    ]
+    straight, sharp = turns_needed(rows)
+    assert (straight["group"], straight["speed_m_s"], straight["turn_median_deg"]) == ("R12", 1.4, 4.0)
+    assert straight["turn_p95_deg"] == pytest.approx(6 + 0.8 * 4)  # linear between the 4th and the 5th of five
+    assert turn_error_m(0.7, np.radians(straight["turn_needed_deg"])) == pytest.approx(0.122)
+    assert sharp["group"] == "R56"
+    assert sharp["turn_needed_deg"] is None  # 559 mm on a way of 250 mm

@@ -5,12 +5,7 @@ import pytest
 from builders.paper import VELOCITY_M_S, execute, line_m, made_errors
 
 from experiments.paper.filters import TUNED_TIME_S
-from experiments.paper.frames import (
-    HORIZONS_S,
-    RULES,
-    FrameJob,
-    frames_of,
-)
+from experiments.paper.frames import HORIZONS_S, RULES, FrameJob, frames_of
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.truth import TrueHead
@@ -120,28 +115,6 @@ def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
         states[i] = kalman.state()[1]
     expected = [states[i][:3] + 0.5 * states[i][3:] - states[i + 15][:3] for i in scored]
     np.testing.assert_allclose(video.base_m, expected, atol=1e-6)
-
-
-def test_an_outlier_is_taken_in_as_by_a_plain_kalman_filter(monkeypatch):
-    """A jump of 2 m for one frame, which a gate would refuse, pulls both forecasts."""
-    jumped_m = line_m()
-    jumped_m[60] += [0.0, 2.0, 0.0]
-    (video,) = frames_of([made_errors(monkeypatch, jumped_m, head_deg=20.0)])
-    F, H = np.eye(6) + FRAME_S * np.eye(6, k=3), np.eye(3, 6)
-    psd = 0.01**2 / 30 / TUNED_TIME_S**4
-    Q = psd * np.kron([[FRAME_S**3 / 3, FRAME_S**2 / 2], [FRAME_S**2 / 2, FRAME_S]], np.eye(3))
-    x, P = np.concatenate([jumped_m[0], np.zeros(3)]), np.diag([1e-4] * 3 + [1.0] * 3)
-    states = [x]
-    for z in jumped_m[1:]:
-        x, P = F @ x, F @ P @ F.T + Q
-        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + 1e-4 * np.eye(3))
-        x, P = x + K @ (z - H @ x), (np.eye(6) - K @ H) @ P
-        states.append(x)
-    turn = rotation(20.0) - np.eye(3)
-    now, then = np.array(states[:-15]), np.array(states[15:])
-    np.testing.assert_allclose(video.base_m, now[:, :3] + 0.5 * now[:, 3:] - then[:, :3], atol=1e-6)
-    np.testing.assert_allclose(video.turn_m, 0.5 * now[:, 3:] @ turn.T, atol=1e-6)
-    assert video.error_mm(0.0)[60] > 1000
 
 
 def rotation(angle_deg):

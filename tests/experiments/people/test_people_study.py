@@ -1,42 +1,28 @@
-"""The study of people who cross and of crowds: it can tell a good tracker from a bad one."""
+"""Engagement on recordings, and the least time of a switch."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
-from experiments.people.identities import cross, crossing_walks, crowd_of, score
-from experiments.people.study import main
-from gazempc.recordings.truth import TrueHead
-
-
-def test_the_walkers_cross_as_far_behind_each_other_as_said():
-    for seed in range(8):
-        heads = [TrueHead(walk) for walk in crossing_walks(seed)]
-        at_m = np.array([head([0.0])[0] for head in heads])
-        np.testing.assert_allclose(at_m[:, 1], 0.0, atol=1e-6)
-        assert 0.3 <= at_m[1, 0] - at_m[0, 0] <= 1.5
-        before, after = (np.array([head([t])[0, 1] for head in heads]) for t in (-0.8, 0.8))
-        assert np.sign(before).tolist() == [-1.0, 1.0]
-        assert np.sign(after).tolist() == [1.0, -1.0]
-
-
-@pytest.mark.parametrize("sensor", ["reference", "body_tracker", "face_camera"])
-def test_who_crosses_stays_who_they_are(sensor):
-    assert [any(cross(seed, sensor, "people")) for seed in range(3)] == [False] * 3
-
-
-def test_the_command_prints_and_writes_the_table(tmp_path, capsys):
-    assert main(["--seeds", "2", "--sensors", "reference", "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert "| reference | people | 0 | 0 |" in said
-    assert (tmp_path / "report.md").read_text().strip() in said
+from experiments.people.study import decided, least_time_s
+from gazempc.neck.spec import load_neck
 
 
 @pytest.mark.slow
-def test_a_crowd_of_recorded_people_is_scored(tracks_dir):
-    walks = crowd_of(tracks_dir, "hermes_boa-300", 2.0, 16)
-    ours, nearest = score("hermes", walks, "reference", 0)
-    assert (ours.tracker, nearest.tracker) == ("people", "nearest_neighbour")
-    assert ours.people == 16
-    assert ours.idf1 > nearest.idf1
-    assert ours.switches < nearest.switches
-    assert 0.7 < ours.mota <= 1.0
+def test_engagement_on_recordings_is_right_for_at_least_95_percent_of_the_decided_time(bags_dir):
+    found = decided(bags_dir)
+    assert found.right_s + found.wrong_s > 60.0
+    assert found.right_s / (found.right_s + found.wrong_s) >= 0.95
+
+
+def test_the_least_time_is_that_of_the_fastest_motion():
+    """Without a limit of velocity or jerk half of the way is speeding up: angle = a t^2 / 4."""
+    neck = load_neck("reference")
+    limits = {"velocity_max_rad_s": 900.0, "acceleration_max_rad_s2": 10.0, "jerk_max_rad_s3": 1e8}
+    quick = neck.model_copy(update={"pan": neck.pan.model_copy(update=limits)})
+    acceleration = float(quick.command_limits.acceleration_max_rad_s2[0])
+    turn_rad, cone_rad = np.deg2rad([60.0, 2.6])
+    whole_s = 2.0 * np.sqrt(turn_rad / acceleration)
+    arrives_s = brentq(lambda t: 0.5 * acceleration * (whole_s - t) ** 2 - cone_rad, 0.0, whole_s)
+    lag_s = neck.pan.dead_time_s + neck.pan.servo_lag_s
+    assert least_time_s(quick, 60.0) - lag_s == pytest.approx(arrives_s, abs=0.003)

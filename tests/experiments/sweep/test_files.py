@@ -1,10 +1,15 @@
-"""Sweep files: every bad one is refused whole, before anything runs."""
+"""Sweep files: every bad one is refused whole; names set what they say, designs have their points."""
 
+import numpy as np
 import pytest
 from builders.sweeps import SMALL, refusal, words
 
-from experiments.sweep.plan import load_plan, shipped_studies
+from experiments.sweep.names import check_name, check_value, resolve, setting_fields, with_unit
+from experiments.sweep.page import pareto_front
+from experiments.sweep.plan import design_points, load_plan, shipped_studies
+from experiments.sweep.spec import METRICS, Objective, SweepSpec
 from experiments.sweep.sweep import main
+from gazempc.neck.spec import load_neck
 
 
 def test_all_errors_of_a_file_at_once(tmp_path):
@@ -71,3 +76,127 @@ def test_every_shipped_study_is_a_valid_sweep_with_a_question(name):
     assert plan.spec.name == name
     assert plan.spec.question
     assert all(plan.points.values())
+
+
+def case_of(**changes):
+    return SweepSpec.model_validate(SMALL | changes).all_cases()[0]
+
+
+def test_a_grid_has_every_combination_once():
+    points = design_points(case_of(vary={"seed": [0, 1, 1], "distance_m": [2, 3], "neck": ["slow"]}), seed=0)
+    assert {tuple(p.values()) for p in points} == {(s, d, "slow") for s in (0, 1) for d in (2, 3)}
+    assert len(points) == 4
+
+
+@pytest.mark.parametrize("design", ["random", "sobol"])
+def test_drawn_designs_are_inside_even_and_the_same_again(design):
+    vary = {
+        "distance_m": {"low": 2, "high": 4},
+        "mpc.horizon_s": {"low": 0.1, "high": 1.6, "log": True},
+        "seed": {"low": 1, "high": 3},
+        "neck": ["slow", "reference"],
+    }
+    points = design_points(case_of(design=design, n=200, vary=vary), seed=0)
+    assert points == design_points(case_of(design=design, n=200, vary=vary), seed=0)
+    assert points != design_points(case_of(design=design, n=200, vary=vary), seed=1)
+    assert points[:50] == design_points(case_of(design=design, n=50, vary=vary), seed=0)
+    assert all(2 <= p["distance_m"] <= 4 and 0.1 <= p["mpc.horizon_s"] <= 1.6 for p in points)
+    assert np.mean([p["distance_m"] for p in points]) == pytest.approx(3, abs=0.15)
+    assert np.median([p["mpc.horizon_s"] for p in points]) == pytest.approx(0.4, rel=0.2)
+    for value in (1, 2, 3):
+        assert sum(p["seed"] == value for p in points) == pytest.approx(200 / 3, abs=20)
+    assert sum(p["neck"] == "slow" for p in points) == pytest.approx(100, abs=20)
+
+
+def test_a_case_changes_only_what_it_says():
+    spec = SweepSpec.model_validate(
+        SMALL
+        | {"cases": [{"name": "a"}, {"name": "b", "base": {"controller": "reactive", "model.dead_time_scale": 1}}]}
+    )
+    first, second = spec.all_cases()
+    assert first.base["controller"] == "lookahead"
+    assert second.base["controller"] == "reactive"
+    assert list(first.vary) == ["model.dead_time_scale", "lookahead.smoothing_time_s"]
+    assert list(second.vary) == ["lookahead.smoothing_time_s"]
+
+
+def test_the_front_is_what_nothing_beats():
+    goals = [Objective(metric="eye_contact_2p6", direction="maximize"), Objective(metric="sparc", direction="minimize")]
+    values = [(0.5, 1.0), (0.6, 2.0), (0.5, 2.0), (0.9, 5.0), (0.8, 6.0), (None, 0.0)]
+    front = pareto_front([{"eye_contact_2p6": a, "sparc": b} for a, b in values], goals)
+    assert [(row["eye_contact_2p6"], row["sparc"]) for row in front] == [(0.5, 1.0), (0.6, 2.0), (0.9, 5.0)]
+
+
+def test_each_kind_of_name_changes_what_it_says():
+    variant = resolve(
+        {
+            "controller": "mpc",
+            "mpc.horizon_s": 0.5,
+            "constant_velocity.acceleration_psd": 0.2,
+            "head_pose.weight": 0.7,
+            "loop.compute_delay_s": 0.02,
+            "start_offset_deg": 60,
+            "distance_m": 3,
+            "seed": 7,
+            "neck": "slow",
+            "neck.pan.dead_time_s": 0.2,
+            "neck.both.velocity_max_rad_s": 0.7,
+            "neck.geometry.eye_in_tilt_m": [0.1, 0, 0],
+            "sensor.latency_s": 0.1,
+        }
+    )
+    settings = variant.settings
+    assert (settings.mpc.horizon_s, settings.constant_velocity.acceleration_psd) == (0.5, 0.2)
+    assert (settings.head_pose.weight, settings.loop.compute_delay_s) == (0.7, 0.02)
+    assert (settings.start_offset_deg, settings.distance_m, settings.seed) == (60, 3, 7)
+    assert variant.robot_neck == variant.neck
+    np.testing.assert_array_equal(variant.robot_neck.dead_time_s, [0.2, 0.4])
+    np.testing.assert_array_equal(variant.robot_neck.velocity_max_rad_s, [0.7, 0.7])
+    assert variant.robot_neck.pan.acceleration_max_rad_s2 == load_neck("slow").pan.acceleration_max_rad_s2
+    assert variant.robot_neck.geometry.eye_in_tilt_m == (0.1, 0, 0)
+    sensor = variant.sensors["reference"]
+    assert (sensor.name, sensor.latency_s, sensor.rate_hz) == ("reference", 0.1, 30)
+
+
+def test_only_the_model_is_wrong_about_the_dead_time():
+    variant = resolve({"controller": "mpc", "neck.tilt.dead_time_s": 0.2, "model.dead_time_scale": 1.5})
+    np.testing.assert_array_equal(variant.robot_neck.dead_time_s, [0.4, 0.2])
+    np.testing.assert_allclose(variant.neck.dead_time_s, [0.6, 0.3])
+
+
+def test_every_default_is_a_value_that_its_name_accepts():
+    for name, field in setting_fields().items():
+        assert check_name(name) is None
+        if not field.is_required():
+            assert check_value(name, field.default) == (field.default, None), name
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("mpc.horizn_s", "'mpc.horizon_s'"), ("horizon_s", "'mpc.horizon_s'"), ("nek", "'neck'"), ("out", "unknown")],
+)
+def test_a_wrong_name_gets_a_suggestion(name, expected):
+    assert expected in check_name(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("mpc.horizon_s", 9, "less than or equal to 5"),
+        ("mpc.horizon_s", "long", "valid number"),
+        ("mpc.horizon_s", True, "float"),
+        ("height_m", float("nan"), "float"),
+        ("seed", 1.5, "valid integer"),
+        ("controller", "mcp", "perhaps you meant 'mpc'"),
+        ("placement", "sid", "'side'"),
+        ("neck", "slw", "perhaps you meant 'slow'"),
+        ("sensor", "perfct", "perhaps you meant 'perfect'"),
+    ],
+)
+def test_a_wrong_value_is_told_what_is_accepted(name, value, expected):
+    assert expected in check_value(name, value)[1]
+
+
+def test_no_metric_is_shown_by_its_field():
+    for name in (*METRICS, *setting_fields()):
+        assert "_" not in with_unit(name), name

@@ -1,7 +1,6 @@
 """Runs of a sweep: known effects are found, nothing is done twice, and parts of the user's own take part."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -56,21 +55,6 @@ def test_the_report_has_the_means_and_the_front(undisturbed):
     found = {*zip(curve["xs"], curve["ys"], strict=True)}
     assert sorted(found) == [pytest.approx(point, rel=1e-4) for point in sorted(front)]
     assert report.find(class_="command").text.startswith("experiments.sweep.sweep.sweep(SweepSettings(")
-
-
-def test_what_is_there_is_used_and_only_the_rest_is_done(tmp_path, undisturbed):
-    """As after an interruption: three of eight results are there."""
-    runs = tmp_path / "out" / "runs"
-    runs.mkdir(parents=True)
-    for path in sorted((undisturbed / "out" / "runs").iterdir())[:3]:
-        shutil.copy2(path, runs)
-    before = {path: path.stat().st_mtime_ns for path in runs.iterdir()}
-    assert main(words(tmp_path, SMALL)) == 0
-    assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
-    for name in ("results.csv", "table.csv"):
-        assert table_of(tmp_path, name) == table_of(undisturbed, name)
-    summaries = [json.loads((f / "out" / "summary.json").read_text()) for f in (tmp_path, undisturbed)]
-    assert summaries[0] == summaries[1]
 
 
 def test_a_failed_run_is_a_row_with_its_reason(tmp_path):

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from builders.control import run
-from builders.ocp import NECK, even, joint, random_states, shot
+from builders.ocp import NECK, QUIET, even, joint, random_states, shot
 from builders.standing import standing_together
 
 import gazempc as gz
@@ -39,15 +39,7 @@ def best_by_ipopt(state, low, high):
         "f": 1e4 * cost,
         "g": ca.vertcat(defects, z[:, 0] - ca.DM(state), kept, q - e, q + e),
     }
-    quiet = {
-        "print_time": 0,
-        "ipopt.print_level": 0,
-        "ipopt.sb": "yes",
-        "ipopt.tol": 1e-11,
-        "error_on_fail": True,
-        "ipopt.bound_relax_factor": 0.0,
-    }
-    found = ca.nlpsol("solver", "ipopt", program, quiet)(
+    found = ca.nlpsol("solver", "ipopt", program, QUIET)(
         x0=0,
         lbg=ca.vertcat(ca.DM.zeros(5 * STEPS + 5), -ca.DM.ones(m), -ca.DM.inf(STEPS), low),
         ubg=ca.vertcat(ca.DM.zeros(5 * STEPS + 5), ca.DM.ones(m), high, ca.DM.inf(STEPS)),
@@ -122,10 +114,10 @@ def test_the_camera_waits_out_a_short_excursion_of_a_person_who_stays(excursions
 @pytest.mark.parametrize("subject", ["one", "all"])
 def test_the_box_of_all_people_is_kept_in_the_middle(subject):
     """Two who stand 40 deg apart: one of them is nearer, and is framed alone without the other."""
-    scene = standing_together(6.0, (1.4, 0.5, 0.0), (2.0, -0.73, 0.0))
+    scene = standing_together(4.0, (1.4, 0.5, 0.0), (2.0, -0.73, 0.0))
     framing = Framing(subject=subject, view_deg=VIEW_DEG, zone=(0.05, 0.05), headroom=0.5)
     log = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings(attend="nearest", framing=framing)).log
-    settled = np.degrees(log.joint_position_rad[log.time_s > 4.0, 0])
+    settled = np.degrees(log.joint_position_rad[log.time_s > 3.0, 0])
     assert settled.mean() == pytest.approx(20.0 if subject == "one" else 0.0, abs=5.0)
 
 
@@ -139,8 +131,6 @@ def metrics_of(recording, framing):
 def test_the_camera_rests_before_a_person_who_stands():
     metrics, log = metrics_of("subject03_stand", Framing())
     assert metrics.time_in_zone > 0.99
-    resting, _ = metrics_of("subject03_stand", Framing(subject="no"))
-    assert metrics.travel_deg_per_min < 0.2 * resting.travel_deg_per_min
     assert metrics.reversals_per_min == 0.0
     # The start looks straight at the head; headroom moves it once.
     assert "solver_gave_up" not in set(log.event_name)

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from builders.control import NECK, crossing, forecast, run
+from builders.control import NECK, at_rest, crossing, forecast, run, still
 
-from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.reactive import Reactive
-from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 
@@ -18,20 +16,10 @@ def turning(times, rate_rad_s=0.4):
     return np.stack([2.5 * np.cos(pan), 2.5 * np.sin(pan), np.zeros_like(pan)], axis=-1)
 
 
-def jumped(angle_rad):
-    def path(times):
-        return np.tile([2.5 * np.cos(angle_rad), 2.5 * np.sin(angle_rad), 0.0], (np.asarray(times).size, 1))
-
-    return path
-
-
-def at_rest(controller, path, command_rad=0.0):
-    """What the controller knows where the command stands still."""
-    rest = CommandState(np.array([command_rad, 0.0]), np.zeros(2), np.zeros(2))
-    known = forecast(controller.forecast_times_s(0.0, 0.0), path)
-    settled = settled_joints(controller.neck, 0)
-    still = [np.zeros(2)] * 3
-    return Situation(settled, 0.0, known, rest, *still, np.zeros((100, 2)), np.zeros((0, 2)))
+def planned(controller, path, command_rad=0.0, start_s=0.0, newest_s=0.0):
+    """Its plan where the command stands still."""
+    known = forecast(controller.forecast_times_s(start_s, newest_s), path)
+    return controller.plan(at_rest(NECK, known, [command_rad, 0.0], start_s))
 
 
 @pytest.mark.parametrize("name", ["reference", "reachy_mini"])
@@ -51,8 +39,7 @@ def test_a_steady_turn_is_followed_without_lag_or_lead(name, smoothing_time_s):
 
 def test_the_low_pass_follows_a_small_jump_by_its_time_constant():
     """After tau the command is 1 - 1/e of the way; it starts where the command stands."""
-    controller = LookAhead(NECK, 0.1)
-    plan = controller.plan(at_rest(controller, jumped(0.08)))
+    plan = planned(LookAhead(NECK, 0.1), still(0.08))
     assert plan.at(0.1 - NECK.control_period_s).position_rad[0] == pytest.approx(0.08 * (1.0 - np.exp(-1.0)))
 
 
@@ -61,9 +48,9 @@ def test_acquisition_is_not_smoothed(name):
     """The command is that without a low-pass down to 5 deg of error, and its overshoot is no larger."""
     neck, angle_rad = load_neck(name), np.radians(40.0)
     ticks = round(2.5 * neck.servo_rate_hz)
-    plain, meant, _ = run(LookAhead(neck, 0.0), neck, jumped(angle_rad), ticks)
-    smooth, commands, _ = run(LookAhead(neck, 0.1), neck, jumped(angle_rad), ticks)
-    aim_rad = look_at_rad(neck.geometry, jumped(angle_rad)(0.0)[0])[0]
+    plain, meant, _ = run(LookAhead(neck, 0.0), neck, still(angle_rad), ticks)
+    smooth, commands, _ = run(LookAhead(neck, 0.1), neck, still(angle_rad), ticks)
+    aim_rad = look_at_rad(neck.geometry, still(angle_rad)(0.0)[0])[0]
     far = np.degrees(aim_rad - meant[:, 0]) > 5.0
     assert 10 < far.sum() < ticks - 10
     assert commands[far, 0] == pytest.approx(meant[far, 0], abs=1e-12)
@@ -76,32 +63,20 @@ def test_near_them_the_low_pass_starts_again_from_the_present_command():
     """By hand: 20 deg off nothing is smoothed; then 4 deg off, the first knot is a share of these 4 deg on."""
     controller = LookAhead(NECK, 0.1)
     aim_rad = np.radians(20.0)
-    far = controller.plan(at_rest(controller, jumped(aim_rad)))
+    far = planned(controller, still(aim_rad))
     assert far.position_rad[:, 0] == pytest.approx(aim_rad)
     share = 1.0 - np.exp(-NECK.control_period_s / 0.1)
-    near = controller.plan(at_rest(controller, jumped(aim_rad), np.radians(16.0)))
+    near = planned(controller, still(aim_rad), np.radians(16.0))
     assert near.position_rad[0, 0] == pytest.approx(np.radians(16.0 + 4.0 * share))
     # From then on it goes on from itself, wherever the command is.
-    near = controller.plan(at_rest(controller, jumped(aim_rad), np.radians(17.0)))
+    near = planned(controller, still(aim_rad), np.radians(17.0))
     assert near.position_rad[0, 0] == pytest.approx(np.radians(20.0 - 4.0 * (1.0 - share) ** 2))
 
 
 def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_delays():
     """By hand: the target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s and half of the 5 ms that it is held."""
     now = 0.5
-    base = {
-        "settled": settled_joints(NECK, 0),
-        "start_s": now,
-        "command": CommandState(np.zeros(2), np.zeros(2), np.zeros(2)),
-        "joint_position_rad": np.zeros(2),
-        "joint_velocity_rad_s": np.zeros(2),
-        "joint_offset_rad": np.zeros(2),
-        "sent_rad": np.zeros((100, 2)),
-        "committed_rad": np.zeros((0, 2)),
-    }
-    reactive = Reactive(NECK)
-    plan = reactive.plan(Situation(forecast=forecast(reactive.forecast_times_s(now, 0.43), crossing), **base))
+    plan = planned(Reactive(NECK), crossing, start_s=now, newest_s=0.43)
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * 0.43, 2.5))
-    ahead = LookAhead(NECK, 0.0)
-    plan = ahead.plan(Situation(forecast=forecast(ahead.forecast_times_s(now, 0.43), crossing), **base))
+    plan = planned(LookAhead(NECK, 0.0), crossing, start_s=now, newest_s=0.43)
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * (0.5 + 0.5525), 2.5))

@@ -2,16 +2,14 @@
 
 import numpy as np
 import pytest
-from builders.control import NECK, crossing, forecast, run, still
+from builders.control import NECK, at_rest, crossing, forecast, run, still
 from scipy.optimize import linprog
 
-from gazempc.controllers.controller import Situation
 from gazempc.controllers.mpc.acquisition import Acquisition
 from gazempc.controllers.mpc.condense import AxisModel
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
 from gazempc.loop.smoother import Smoother
-from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 
@@ -20,28 +18,14 @@ def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
     """By linear programming: the first step from which on the joint can be within the tolerance, within limits."""
     p = AxisModel(NECK, 0, (1,) * steps, steps)
     limits = NECK.command_limits
-    bounds = np.repeat(
-        [limits.position_max_rad[0], limits.velocity_max_rad_s[0], limits.acceleration_max_rad_s2[0]], steps
-    )
-    command = p.knots[:, 6:]
-    limit_rows = np.vstack([command, -command])
-    limit_values = np.concatenate([bounds, bounds])
+    each = limits.position_max_rad[0], limits.velocity_max_rad_s[0], limits.acceleration_max_rad_s2[0]
+    bounds, command = np.repeat(each, steps), p.knots[:, 6:]
     jerk = limits.jerk_max_rad_s3[0] / p.jerk_scale
     for first in range(steps):
         there = p.joint[first:, 6:]
-        found = linprog(
-            np.zeros(steps),
-            A_ub=np.vstack([limit_rows, there, -there]),
-            b_ub=np.concatenate(
-                [
-                    limit_values,
-                    np.full(len(there), distance_rad + tolerance_rad),
-                    np.full(len(there), tolerance_rad - distance_rad),
-                ]
-            ),
-            bounds=(-jerk, jerk),
-        )
-        if found.success:
+        ends = np.repeat([distance_rad + tolerance_rad, tolerance_rad - distance_rad], len(there))
+        A, b = np.vstack([command, -command, there, -there]), np.concatenate([bounds, bounds, ends])
+        if linprog(np.zeros(steps), A_ub=A, b_ub=b, bounds=(-jerk, jerk)).success:
             return NECK.pan.dead_time_s + (first + 1) * NECK.control_period_s
     raise AssertionError("never")
 
@@ -73,11 +57,7 @@ def test_fractional_and_different_dead_times(dead_times):
 
 def test_step_is_as_fast_as_the_limits_allow():
     """The arrival is that of the linear program, dead time included, without overshoot before a person at rest."""
-
-    def still(times):
-        return np.tile([2.5 * np.cos(0.98), 2.5 * np.sin(0.98), 0.0], (np.asarray(times).size, 1))
-
-    joints, _, _ = run(Mpc(NECK, smoothing_time_s=0.02), NECK, still, 300)
+    joints, _, _ = run(Mpc(NECK, smoothing_time_s=0.02), NECK, still(0.98), 300)
     arrived_s = np.argmax(np.abs(joints[:, 0] - 0.98) < 0.02) * NECK.servo_period_s
     assert arrived_s <= earliest_arrival_s(0.98, 0.02) + 3 * NECK.control_period_s
     assert joints[:, 0].max() < 0.98 + np.radians(0.12)  # 0.104 as measured
@@ -94,18 +74,8 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
     for tick in range(60):
         now = tick * neck.control_period_s
         command = smoother.command
-        situation = Situation(
-            settled_joints(neck, 0),
-            now,
-            forecast(mpc.forecast_times_s(now, now), path),
-            command,
-            command.position_rad,
-            command.velocity_rad_s,
-            np.zeros(2),
-            np.tile(command.position_rad, (200, 1)),
-            np.zeros((0, 2)),
-        )
-        plan = mpc.plan(situation)
+        known, moves = forecast(mpc.forecast_times_s(now, now), path), {"joint_velocity_rad_s": command.velocity_rad_s}
+        plan = mpc.plan(at_rest(neck, known, command.position_rad, now, command=command, **moves))
         for k in range(neck.servo_ticks_per_plan):
             followed = smoother.step(now + k * ts, plan)
             apart_deg = max(apart_deg, np.rad2deg(np.abs(followed - plan.at(now + k * ts).position_rad)).max())
@@ -187,10 +157,3 @@ def test_who_comes_back_from_out_of_reach_is_followed_as_if_nothing_had_been():
     start_rad = (NECK.command_limits.position_max_rad[0], 0.0)
     _, _, errors = run(Mpc(NECK), NECK, returning, 800, start_rad=start_rad)
     assert errors[int(3.0 / NECK.servo_period_s) :].max() < 0.1
-
-
-def test_a_forecast_without_a_useful_covariance_is_followed():
-    joints, _, _ = run(
-        Mpc(NECK), NECK, still(np.radians(50.0)), 800, sigma_m=lambda ahead_s: np.full_like(ahead_s, np.nan)
-    )
-    assert np.degrees(joints[-1, 0]) == pytest.approx(50.0, abs=1.0)

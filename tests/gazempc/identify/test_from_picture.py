@@ -5,9 +5,9 @@ import datetime
 import numpy as np
 import pytest
 
+from gazempc.identify.identified import TurnedAxis, option_words, turned_table, turned_toml
 from gazempc.identify.identify import main
 from gazempc.identify.new_neck import as_toml
-from gazempc.identify.turned_axes import TurnedAxis, neck_toml, option_words, table
 from gazempc.identify.turning import Interval, TurnEstimate
 from gazempc.neck.spec import load_neck
 from gazempc.neck.speed_steps import SpeedSteps
@@ -33,14 +33,14 @@ def test_the_neck_file_has_the_measured_table(answers, dead_time_s, tmp_path):
     by_answers = estimate(0.3, {k: -v for k, v in speeds.items()}) if answers else None
     axes = [TurnedAxis(name, estimate(0.5, by_picture), by_answers, 3) for name in ("pan", "tilt")]
     path, view_rad = tmp_path / "measured.toml", np.radians([60.0, 36.0])
-    path.write_text(neck_toml(PTZ, axes, tuple(view_rad), "measured", "a test", datetime.date(2026, 11, 23)))
+    path.write_text(turned_toml(PTZ, axes, tuple(view_rad), "measured", "a test", datetime.date(2026, 11, 23)))
     neck = load_neck(path)
     assert neck.pan.dead_time_s == dead_time_s
     assert neck.pan.speed_steps.positive_rad_s == pytest.approx((0.09, 0.4, 0.6))
     assert neck.pan.speed_steps.negative_rad_s == pytest.approx((0.1, 0.3, 0.5))
     assert neck.pan.velocity_max_rad_s == pytest.approx(0.5)
     assert neck.head_view_deg == (60.0, 36.0)
-    assert "sign -1" in table(axes, view_rad[0])
+    assert "sign -1" in turned_table(axes, view_rad[0])
 
 
 def test_the_command_to_use_has_the_options_and_the_measured_signs():
@@ -57,7 +57,7 @@ def test_the_command_to_use_has_the_options_and_the_measured_signs():
 
 
 @pytest.mark.slow
-def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys):
+def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys, real_time):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
     few = {"positive_rad_s": [0.2, 0.8], "negative_rad_s": [0.16, 0.8]}

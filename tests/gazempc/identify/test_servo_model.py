@@ -26,16 +26,6 @@ def test_model_is_the_transfer_function_that_scipy_simulates(wn, zeta):
     np.testing.assert_allclose(model.delayed(model.motion(wn, zeta), 0.1235), q[read], atol=1e-6)
 
 
-def test_free_motion_is_that_of_the_undriven_servo():
-    wn, zeta, times = 12.0, 0.7, np.linspace(1.0, 4.0, 200)
-    model = ServoModel(0.005 * np.arange(900), np.zeros(900), times)
-    system = signal.StateSpace([[0, 1], [-(wn**2), -2 * zeta * wn]], [[0], [1]], [[1, 0]], [[0]])
-    for initial in np.eye(2):
-        _, q, _ = signal.lsim(system, np.zeros(200), times - times[0], X0=initial)
-        weights, *_ = np.linalg.lstsq(model.free(wn, zeta), q)
-        np.testing.assert_allclose(model.free(wn, zeta) @ weights, q, atol=1e-6)
-
-
 @pytest.mark.parametrize(("wn", "zeta"), [(6.0, 0.5), (20.0, 3.0)])
 def test_bandwidth_is_where_the_answer_is_3_db_down(wn, zeta):
     _, answer = signal.freqs([wn**2], [1, 2 * zeta * wn, wn**2], [2 * math.pi * bandwidth_hz(wn, zeta)])

@@ -82,10 +82,6 @@ def pulses(delay_s=0.5, wn=15.0, sign=1.0, noise_deg=0.01, seed=0):
     return made
 
 
-def test_pictures_that_end_before_the_motion_still_determine_the_delay():
-    assert estimate_turns(pulses(delay_s=1.2), 1.5).delay_s.value == pytest.approx(1.2, abs=0.03)
-
-
 @pytest.mark.parametrize(("delay_s", "sign"), [(0.15, 1), (0.6, -1)])
 def test_delay_lag_sign_and_speeds(delay_s, sign):
     found = estimate_turns(pulses(delay_s=delay_s, sign=sign), 1.5)

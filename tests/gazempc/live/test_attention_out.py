@@ -1,5 +1,6 @@
 """Whom the robot looks at, told to others: lines at each change, by UDP, ROS 2 and into a file."""
 
+import dataclasses
 import json
 import socket
 import threading
@@ -46,17 +47,7 @@ def test_a_line_at_each_change_and_one_at_the_end():
         for time_s, state in ((2.0, ANNA), (2.1, ANNA), (2.5, AWAY), (4.0, ANNA)):
             assert outlet.report(time_s, state) == []
     assert sink.closed
-    assert sink.lines[0] == {
-        "time_s": 2.0,
-        "person": 1,
-        "person_id": "anna",
-        "why": "policy",
-        "since_s": 2.0,
-        "stays_until_s": 3.5,
-        "away_why": None,
-        "away_since_s": None,
-        "away_until_s": None,
-    }
+    assert sink.lines[0] == {"time_s": 2.0, **dataclasses.asdict(ANNA)}
     assert [(each["time_s"], each["away_why"], each["why"]) for each in sink.lines] == [
         (2.0, None, "policy"),
         (2.5, "thinking", "policy"),
@@ -76,23 +67,6 @@ def test_what_cannot_be_written_is_said_and_the_next_line_is_tried():
     assert [each["why"] for each in sink.lines] == ["policy", "ended"]
 
 
-def test_datagrams():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 0))
-        listener.settimeout(5.0)
-        with make_sink(f"udp:localhost:{listener.getsockname()[1]}") as send:
-            send('{"person": 1}')
-            assert listener.recv(100) == b'{"person": 1}\n'
-
-
-def test_a_file_begins_anew(tmp_path):
-    path = tmp_path / "attention.jsonl"
-    path.write_text("of an earlier run\n")
-    with make_sink(str(path)) as send:
-        send("one")
-        assert path.read_text() == "one\n"
-
-
 def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
     """On a full disk, say: an event of the log with the reason; the next line is written."""
     times_s = np.arange(40) / 30.0
@@ -109,19 +83,21 @@ def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
     assert logs[0].attended_person.tolist() == [1]
 
 
+def test_datagrams_and_a_file_that_begins_anew(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(5.0)
+        with make_sink(f"udp:localhost:{listener.getsockname()[1]}") as send:
+            send('{"person": 1}')
+            assert listener.recv(100) == b'{"person": 1}\n'
+    path = tmp_path / "attention.jsonl"
+    path.write_text("of an earlier run\n")
+    with make_sink(str(path)) as send:
+        send("one")
+        assert path.read_text() == "one\n"
+
+
 @pytest.mark.parametrize("word", ["udp:5005", "udp:host:0", "udp:host:x", "ros2:", "attention.json", "tcp:host:1"])
 def test_what_is_no_place(word):
     with pytest.raises(SettingsError, match=r"accepted: udp:HOST:PORT, ros2:TOPIC, or a file FILE\.jsonl"):
         make_sink(word)
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        ([], "there is one person"),
-        (["--attend", "nearest", "--simulated-clock"], "ROS 2 needs real time"),
-    ],
-)
-def test_settings_that_do_not_go_together(words, why):
-    with pytest.raises(SettingsError, match=why):
-        session.parse(["--source", "replay", "--attention-out", "ros2:a", *words])

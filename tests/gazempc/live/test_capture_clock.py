@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gazempc.live.clock import RealClock, SimulatedClock
-from gazempc.live.hints import Frame, SetupHints
-from gazempc.live.stamps import StampReader, Stamps, judge_stamps
+from gazempc.live.stamps import Frame, SetupHints, StampReader, Stamps, judge_stamps
 
 HEAD = np.array([2.0, 0.0, 0.4])
 CLOCK = RealClock()
@@ -70,11 +69,6 @@ def test_wrong_stamps_are_named_and_the_option_mends_them(stamps, looks, mend):
 def test_right_stamps_are_not_complained_of(settings):
     per_s = {"s": 1.0, "ms": 1e3, "ns": 1e9}[settings.unit]
     assert judged(unix(per_s=per_s) if settings.clock == "unix" else monotonic(per_s), settings) is None
-
-
-def test_seconds_read_as_milliseconds_are_seconds():
-    _, text = judged(unix(), Stamps(unit="ms"))
-    assert "look like Unix time:" in text
 
 
 def test_the_words_are_those_of_python_or_of_a_source_of_one_s_own():

@@ -64,22 +64,8 @@ def test_a_stamp_comes_to_the_loop_and_back(clock, unit):
     assert reader.stamp(12.5) == pytest.approx(stamp, rel=1e-12)
 
 
-def test_another_clock_is_set_by_the_frames_that_come_soonest():
-    """A clock that drifts by 50 ppm, frames that take 0.05 s and up to 0.1 s more."""
-    rng = np.random.default_rng(1)
-    captures_s = np.arange(0.0, 120.0, 1 / 30)
-    stamps = 5000.0 + (1.0 + 50e-6) * captures_s
-    arrivals_s = captures_s + 0.05 + 0.1 * rng.random(captures_s.size) ** 2
-    reader = StampReader(Stamps(clock="other", latency_s=0.05), CLOCK)
-    read_s = np.array([reader.loop_s(*each) for each in zip(stamps, arrivals_s, strict=True)])
-    error_s = (read_s - captures_s)[60:]
-    assert np.abs(error_s).max() < 0.004
-    assert np.abs(np.diff(read_s) - 1 / 30).mean() < 1e-4
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_percentiles_of_lateness_are_numpy_s_within_a_bin(seed):
-    rng = np.random.default_rng(seed)
+def test_percentiles_of_lateness_are_numpy_s_within_a_bin():
+    rng = np.random.default_rng(0)
     values = rng.gamma(0.5, 2.0, size=int(rng.integers(1, 5000)))
     values[rng.random(values.size) < 0.2] *= -0.1
     lateness = Lateness()

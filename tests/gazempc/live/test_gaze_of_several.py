@@ -35,19 +35,6 @@ def see_both(opened, seconds, tell=lambda elapsed_s: None):
 
 
 @pytest.mark.slow
-def test_it_looks_at_the_person_of_the_policy():
-    at_m, number = RIGHT_M, 2
-    robot = Kept()
-    with gz.Gaze(NECK, robot, predictor="constant_velocity", attend="id:bob") as opened:
-        see_both(opened, 1.6)
-        assert opened.attended.number == number
-        assert opened.joints.position_rad[0] == pytest.approx(math.atan2(at_m[1], at_m[0]), abs=0.1)
-        assert opened.warnings == ()
-    assert_within_limits(np.array(robot.received), np.radians([5.0, 2.0]), ends=True)
-    assert opened.log().attended_person.tolist() == [number]
-
-
-@pytest.mark.slow
 def test_who_speaks_is_looked_at_and_it_looks_away_when_it_thinks():
     def tell(opened, elapsed_s):
         if elapsed_s > 0.5:
@@ -55,11 +42,13 @@ def test_who_speaks_is_looked_at_and_it_looks_away_when_it_thinks():
         if elapsed_s > 1.5 and not told:
             told.append(opened.think(1.2))
 
-    told = []
+    told, robot = [], Kept()
     settings = {"hysteresis_s": 0.2, "dwell_s": 0.2}
-    with gz.Gaze(NECK, Kept(), predictor="constant_velocity", attend="speaker", attention=settings) as opened:
+    with gz.Gaze(NECK, robot, predictor="constant_velocity", attend="speaker", attention=settings) as opened:
         see_both(opened, 2.6, lambda elapsed_s: tell(opened, elapsed_s))
         assert opened.attended.number == 2
+        assert opened.warnings == ()
+    assert_within_limits(np.array(robot.received), np.radians([5.0, 2.0]), ends=True)
     log = opened.log()
     assert log.attended_person.tolist() == [1, 2]
     assert log.away_why.tolist() == ["thinking"]

@@ -45,25 +45,14 @@ def test_what_is_written_is_read(position, stamp, turns, indent):
     # What may be left out may be left out.
     short = {k: v for k, v in data.items() if v is not None}
     assert parse(short).head_position_base_m.tolist() == position
+    stated = {"head_yaw_sd_rad": 0.1, "pelvis_yaw_sd_rad": 3.0, "confidence": 1}
+    found = parse(data | stated | {"person_id": 7, "position_covariance_m2": COVARIANCE})
+    assert {name: getattr(found, name) for name in stated} == stated
+    assert (found.person_id, found.position_covariance_m2.tolist()) == ("7", COVARIANCE)
 
 
 GOOD = {"age_s": 0.05, "head_position_m": HEAD}
 COVARIANCE = [[0.25, 0.005, 0.0], [0.005, 0.0004, 0.0], [0.0, 0.0, 0.0004]]
-
-
-@given(
-    yaw_sds=st.tuples(*[st.none() | st.floats(1e-3, 3.0)] * 2),
-    confidence=st.none() | st.floats(0.0, 1.0) | st.sampled_from([0, 1]),
-    person=st.none() | st.text() | st.integers(),
-    covariance=st.sampled_from([None, COVARIANCE]),
-)
-def test_what_a_tracker_states_is_read(yaw_sds, confidence, person, covariance):
-    data = {"head_yaw_sd_rad": yaw_sds[0], "pelvis_yaw_sd_rad": yaw_sds[1], "confidence": confidence}
-    found = parse(GOOD | data | {"person_id": person, "position_covariance_m2": covariance})
-    assert {name: getattr(found, name) for name in data} == data
-    assert found.person_id == (None if person is None else str(person))
-    stated = found.position_covariance_m2
-    assert (None if stated is None else stated.tolist()) == covariance
 
 
 NAMED = "head_position_m"
@@ -74,19 +63,14 @@ NAMED = "head_position_m"
     [
         ("{", "Invalid JSON", ""),
         ("[" * 100_000, "Invalid JSON", "recursion"),
-        ("[1, 2, 3]", "", "object"),
         ('{"age_s": 66, "head_position_m": [2.0, 0.0, 0.4]}', "age_s", "less than or equal to 10"),
-        (GOOD | {"age_s": -0.01}, "age_s", "greater than or equal to 0"),
         (GOOD | {"age_s": True}, "age_s", "number"),
         (GOOD | {"head_positon_m": HEAD}, "head_positon_m", NAMED),
         ({"age_s": 0.05}, NAMED, "required"),
         ({NAMED: HEAD}, "capture_time_s", "age_s"),
-        (GOOD | {"capture_time_s": 1.0}, "capture_time_s", "age_s"),
         ('{"age_s": 1e999, "head_position_m": [2, 0, 0]}', "age_s", "number"),
         ('{"capture_time_s": -Infinity, "head_position_m": [2, 0, 0]}', "capture_time_s", "finite"),
-        ('{"age_s": 0.1, "head_position_m": [1' + 400 * "0" + ", 0, 0]}", NAMED, "finite"),
         (GOOD | {NAMED: [1, 2]}, NAMED, "required"),
-        (GOOD | {NAMED: {"x": 1, "y": 2, "z": 3}}, NAMED, "array"),
         (GOOD | {NAMED: ["1", 2, 3]}, NAMED, "number"),
         (GOOD | {"head_quat_wxyz": [0, 0, 0, 0]}, "head_quat_wxyz", "unit length"),
         (GOOD | {"position_covariance_m2": [[1, 0.5, 0], [0, 1, 0], [0, 0, 1]]}, "position_covariance_m2", "symmetric"),

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from builders.checks import assert_within_limits
 from builders.faults import Jumping, Late, answers_badly, nan_plan, wild_plan
-from builders.live import NECK, run_live
+from builders.live import NECK, WALK, run_live
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gazempc.controllers.controller import SolverFailed
-from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.lookahead import LookAhead
+from gazempc.neck.kinematics import look_at_rad
 from gazempc.types import Sighting
 from predictors import ConstantVelocity
 
@@ -59,7 +60,7 @@ def test_any_sequence_of_faults_is_survived_within_limits(faults):
         got_through.append(now_s)
         return None
 
-    class Controller(Mpc):
+    class Controller(LookAhead):
         def plan(self, situation):
             plan = super().plan(situation)
             if on("solver fails", situation.start_s):
@@ -79,13 +80,14 @@ def test_any_sequence_of_faults_is_survived_within_limits(faults):
         change=change,
         on_read=on_read,
         on_send=on_send,
-        controller=Controller(NECK, horizon_s=0.3),
+        controller=Controller(NECK),
         predictor=Predictor(),
         planner=lambda controller: Late(controller, clock, lambda now: 0.1 if on("late plan", now) else 0.0),
         duration_s=3.0,
     )
     received = np.array([p for _, p in result.robot.received])
     breaks = sorted({k for k in silent if k < len(received)})
-    assert_within_limits(received, breaks=breaks, ends=len(received) not in silent, rests=False)
+    start_rad = look_at_rad(NECK.geometry, WALK.truth.head_position_m[0])
+    assert_within_limits(received, start_rad, breaks=breaks, ends=len(received) not in silent, rests=False)
     assert len(result.joined("command_position_rad")) == result.report.ticks
     assert result.robot.calls[-1] == result.source.calls[-1] == "close"

@@ -49,7 +49,7 @@ def run(*words):
 @pytest.mark.slow
 def test_a_whole_live_run_on_a_bag(bag, tmp_path, capsys):
     words = ("--source", f"bag:{bag}", "--simulated-clock", "--out", tmp_path / "out")
-    assert run(*words, "--predictor", "constant_velocity") == 0
+    assert run(*words, "--predictor", "constant_velocity", "--controller", "lookahead", "--log", "npz") == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["observations"] == 150
     assert (summary["used"], summary["refused"]) == (150, {})

@@ -26,7 +26,7 @@ class Program:
     """`python -m gazempc.live` in a process of its own."""
 
     def __init__(self, *arguments):
-        command = [sys.executable, "-m", "gazempc.live", "--no-figures", *map(str, arguments)]
+        command = [sys.executable, "-m", "gazempc.live", "--no-figures", "--log", "npz", *map(str, arguments)]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         self.printed = b""
 
@@ -168,6 +168,7 @@ def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_n
         return 1e3 * (time.monotonic() - 0.03)
 
     options = ["--source", "stdin", "--robot", "simulated", "--predictor", "constant_velocity"]
+    options += ["--controller", "lookahead"]
     with Program(*options, "--out", tmp_path / "wrong") as program:
         program.until_it_runs()
         program.walk(1.0, stamp=stamp, unit_m=0.001)
@@ -190,7 +191,7 @@ def test_a_wrong_clock_and_unit_are_said_while_it_runs_and_the_options_that_it_n
 @pytest.mark.slow
 def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_log(tmp_path, capsys):
     """Also in process, on the simulated clock: metrics of the log, gaze error included."""
-    arguments = ["--source", "replay", "--replay", "subject03_R4", "--simulated-clock", "--no-figures"]
+    arguments = ["--source", "replay", "--simulated-clock", "--no-figures", "--controller", "lookahead"]
     assert live.main([*arguments, "--out", str(tmp_path), "--log-s", "2"]) == 0
     summary = strict(tmp_path / "summary.json")
     assert summary["stopped_by"] == "end of the source"
@@ -212,11 +213,20 @@ def test_a_replay_in_real_time_and_on_a_simulated_clock_write_the_same_kind_of_l
         (["--source", "udp:99999"], ["udp:99999", "1 to 65535"]),
         (["--source", "udp:5005", "--simulated-clock"], ["--simulated-clock", "replay"]),
         (["--source", "replay", "--mount.on", "head"], ["--mount.on", "base"]),
+        (["--source", "replay", "--attention-out", "ros2:a"], ["there is one person"]),
+        (
+            ["--source", "replay", "--attend", "nearest", "--simulated-clock", "--attention-out", "ros2:a"],
+            ["real time"],
+        ),
+        (
+            ["--source", "replay", "--isolate", "predictor", "--attend", "nearest"],
+            ["--isolate: accepted for one person"],
+        ),
         (["--source", "replay", "--stamps.unit", "ms"], ["--stamps", "stdin, udp, tcp, ros2"]),
         (["--source", "stdin", "--camera.fov-deg", "60"], ["--camera", "accepted with --source camera"]),
         (["--source", "replay", "--neck", "refrence"], ["refrence", "reference"]),
         (["--source", "replay", "--sensor", "nosuch"], ["nosuch", "reference"]),
-        (["--source", "replay", "--predictor", "perfect"], ["--predictor"]),
+        (["--source", "udp:5005", "--robot", "dynamixel"], ["--neck", "needs its own neck file"]),
     ],
 )
 def test_bad_input_is_named_and_the_status_is_2(arguments, named, tmp_path, capsys):

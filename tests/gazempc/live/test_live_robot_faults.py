@@ -66,18 +66,6 @@ def test_commands_that_do_not_get_through_for_half_a_second(kind):
     assert result.robot.calls == ["connect", "close"]
 
 
-def test_a_robot_that_disconnects_and_comes_back():
-    def gone(now_s, state=None):
-        if 2.0 <= now_s < 2.6:
-            raise RobotError("unplugged")
-        return state
-
-    result = run_live(on_read=gone, on_send=gone)
-    assert result.events == {"no_observation_yet", "robot_not_answering"}
-    assert_brakes_and_returns(result, 2.0, 2.6)
-    assert_recovered(result, 2.6 + 1.5)
-
-
 def test_what_was_planned_before_a_command_was_lost_is_not_followed():
     """Plans under way, and plans made and waiting, do not start from the command that brakes."""
 
@@ -102,18 +90,6 @@ def test_what_was_planned_before_a_command_was_lost_is_not_followed():
     assert speed[(now > 2.04) & (now < 2.06)].max() < 0.9 * speed[before]  # it brakes
     assert result.event_s("robot_not_answering") == pytest.approx([2.0])
     assert_recovered(result, 2.0 + 2.8, reference=run(None))
-
-
-def test_two_lost_commands_hardly_change_the_motion():
-    def on_send(now_s):
-        if 2.0 - 1e-6 <= now_s < 2.0 + 1.5 * TS:
-            raise RobotError("lost")
-
-    result = run_live(on_send=on_send)
-    assert_within_limits(result.joined("command_position_rad"), ends=True)
-    assert_same_commands(result, 1e-3)
-    assert result.events == {"no_observation_yet", "robot_not_answering"}
-    assert_recovered(result, 2.5)
 
 
 def test_a_robot_that_raises_in_close_does_not_hide_the_run():

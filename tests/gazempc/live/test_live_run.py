@@ -9,6 +9,7 @@ from builders.live import NECK, SENSOR, TS, WALK, run_live
 from builders.recordings import synthetic
 from builders.replays import replayed
 
+from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.loop.build import Person, make_controller, make_predictor
 from gazempc.loop.recorder import LoopRecorder
@@ -92,33 +93,24 @@ def test_a_step_of_the_unix_clock_is_in_the_log(monkeypatch):
 
 
 def test_logs_of_one_second_join_to_the_log_of_the_whole_run_and_nothing_is_kept():
-    alive = []
+    alive, logs = [], []
 
-    def run_short():
-        logs = []
+    def keep(log, times):
+        gc.collect()
+        alive.append(sum(o.ticks for o in gc.get_objects() if isinstance(o, LoopRecorder)))
+        logs.append((log, times))
 
-        def keep(log, times):
-            gc.collect()
-            alive.append(sum(o.ticks for o in gc.get_objects() if isinstance(o, LoopRecorder)))
-            logs.append((log, times))
+    def hidden(now_s, sighting):
+        return [] if 3.0 <= now_s < 4.5 else [sighting]
 
-        result = run_live(keep=keep, log_s=1.0, change=lambda now, s: [] if 3.0 <= now < 7.5 else [s])
-        result.logs = logs
-        return result
-
-    short = run_short()
-    whole = run_live(change=lambda now, s: [] if 3.0 <= now < 7.5 else [s])
+    short = run_live(keep=keep, log_s=1.0, change=hidden, controller=LookAhead(NECK))
+    short.logs = logs
+    whole = run_live(change=hidden, controller=LookAhead(NECK))
     assert len(short.logs) == -(-short.report.ticks // 200)
     assert all(log.time_s.size == 200 for log, _ in short.logs[:-1])
+    differing = ["run", "faults", "event_time_s", "event_name", "forecast_true_base_m", "forecast_horizon_s"]
     for field in dataclasses.fields(whole.logs[0][0]):
-        if field.name not in (
-            "run",
-            "faults",
-            "event_time_s",
-            "event_name",
-            "forecast_true_base_m",
-            "forecast_horizon_s",
-        ):
+        if field.name not in differing:
             np.testing.assert_array_equal(short.joined(field.name), getattr(whole.logs[0][0], field.name))
     assert short.events == whole.events
     for name in ("update_ms", "step_ms", "latency_ms"):

@@ -113,7 +113,7 @@ def test_a_camera_keeps_a_walker_in_its_zone_in_real_time_and_rests_before_one_w
             since_s = time_s - start_s
             return 0.35 * min(since_s, 6.0) - 1.05 + (0.14 * math.sin(3.0 * since_s) if since_s > 6.0 else 0.0)
 
-        while (now_s := time.time()) < start_s + 14.0:
+        while (now_s := time.time()) < start_s + 11.0:
             gaze.see(now_s - 0.1, [2.0, aside_m(now_s - 0.1), 0.0])
             pan_deg = math.degrees(float(plant.true_state().position_rad[0]))
             seen_deg.append((now_s - start_s, pan_deg, math.degrees(math.atan2(aside_m(now_s), 2.0))))
@@ -122,7 +122,7 @@ def test_a_camera_keeps_a_walker_in_its_zone_in_real_time_and_rests_before_one_w
     assert np.ptp(person_deg) > 55.0
     in_zone = np.abs(pan_deg - person_deg) <= 9.9
     assert in_zone[since_s > 1.0].mean() > 0.85
-    assert np.ptp(pan_deg[since_s > 10.0]) < 1.0 < np.ptp(person_deg[since_s > 10.0])
+    assert np.ptp(pan_deg[since_s > 9.0]) < 1.0 < np.ptp(person_deg[since_s > 9.0])
 
 
 def test_settings_that_follow_from_the_emulated_camera():
@@ -158,12 +158,15 @@ def test_a_password_in_the_address_of_a_stream_is_refused_and_shown_nowhere(comm
 def test_a_camera_that_does_not_answer_is_an_event_and_stands_at_the_end():
     with camera(PTZ) as (server, _):
         with gz.Gaze(PTZ, f"visca:127.0.0.1:{server.address[1]}") as gaze:
-            start_s = time.time()
-            while (now_s := time.time()) < start_s + 6.0:
-                server.silent = 2.0 < now_s - start_s < 5.0
+            start_s, back_s = time.time(), math.inf
+            while (now_s := time.time()) < min(start_s + 240.0, back_s + 0.5):
+                if server.silent and "robot_not_answering" in gaze.events:
+                    server.silent, back_s = False, now_s
+                elif now_s > start_s + 1.0 and back_s == math.inf:
+                    server.silent = True
                 gaze.see(now_s - 0.1, [2.0, 0.5 * math.sin(now_s - start_s), 0.0])
                 time.sleep(1 / 30)
-        assert "robot_not_answering" in set(gaze.log().event_name)
+        assert "robot_not_answering" in gaze.events
         assert server.driven[-1][1:] == (0, 0)
 
 
@@ -171,7 +174,9 @@ def test_a_probe_on_the_command_line(capsys):
     with camera() as (server, _):
         assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 0
         assert not server.driven
-    assert "fastest speeds  24 and 20" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    for line in ("power           on", "position        0 and 0 counts", "fastest speeds  24 and 20"):
+        assert line in said
     assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 2
     assert main(["--robot", "simulated", "--probe"]) == 2
 
@@ -181,7 +186,16 @@ def test_a_run_that_is_killed_in_a_move_leaves_a_camera_that_stands(tmp_path):
     with camera(PTZ) as (server, _):
         command = [
             *(sys.executable, "-m", "gazempc.live", "--source", "replay", "--neck", "ptz"),
-            *("--robot", f"visca:127.0.0.1:{server.address[1]}", "--out", str(tmp_path), "--no-figures"),
+            *(
+                "--robot",
+                f"visca:127.0.0.1:{server.address[1]}",
+                "--out",
+                str(tmp_path),
+                "--no-figures",
+                "--log",
+                "npz",
+            ),
+            *("--controller", "lookahead", "--predictor", "constant_velocity"),
         ]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
         run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
@@ -230,13 +244,13 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(protocol, tm
     limits = "--loop.stale-after-s 5 --loop.lost-after-s 8 --loop.rest-after-s 20 --duration-s 240"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with emulated(protocol) as camera_words:
-        words = f"{camera_words} {limits} --framing.subject one --no-figures --out {tmp_path}"
+        words = f"{camera_words} {limits} --framing.subject one --no-figures --log npz --out {tmp_path}"
         command = [sys.executable, "-m", "gazempc.live", *words.split()]
         with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as run:
             pans, ended = [], False
             for line in run.stdout:
                 pans += [float(each) for each in re.findall(r"looks at pan ([+-][\d.]+)", line)]
-                if len(pans) > 24 and not ended and min(pans) < -8.0 and max(pans) > 8.0:
+                if len(pans) > 15 and not ended and min(pans) < -8.0 and max(pans) > 8.0:
                     run.send_signal(signal.SIGTERM)  # once: the third one ends the process
                     ended = True
     assert run.returncode == 0
@@ -245,6 +259,7 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(protocol, tm
     assert summary["limit_violations"] == 0
     share = in_zone(gz.load_log(tmp_path / summary["logs"][0]))
     print(f"{protocol}: {100 * share:.0f} % of the observations in the zone")
-    # The person walks to and fro without a rest; 57 and 62 % on two idle cores. With fewer than six faces a second the
-    # run warns that the gaze trails.
-    assert share > 0.4 or any(warning.startswith("low_frame_rate") for warning in summary["warnings"])
+    # The person walks to and fro without a rest; 57 and 62 % on two idle cores. A busy machine renders late.
+    latency_ms = summary["end_to_end_latency_ms"]["p50"]
+    keeps_pace = latency_ms < 500.0 and not {"low_frame_rate", "stream_frozen", "part_slow"} & set(summary["events"])
+    assert share > 0.4 or not keeps_pace, (share, latency_ms)

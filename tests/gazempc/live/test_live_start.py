@@ -14,7 +14,7 @@ from builders.robots import Spied
 from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.identify.new_neck import as_toml
 from gazempc.live.run import LiveRun
-from gazempc.live.session import main, parse
+from gazempc.live.session import parse
 from gazempc.live.setup import build
 from gazempc.live.sources.source import SourceError
 from gazempc.results.motion import limit_violations
@@ -123,14 +123,3 @@ def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
     assert result.robot.calls[-1] == result.source.calls[-1] == "close"
     assert not result.robot.received
     assert not result.logs
-
-
-def test_a_real_robot_needs_its_own_neck_file(tmp_path, capsys):
-    assert main(["--source", "udp:5005", "--robot", "dynamixel", "--out", str(tmp_path)]) == 2
-    assert "--neck" in capsys.readouterr().err
-
-
-def test_a_key_is_refused_with_what_replaces_it(tmp_path, capsys):
-    """Ignored, it would leave a run open that was protected before."""
-    assert main(["--source", "udp:5005", "--key-file", str(tmp_path / "key"), "--out", str(tmp_path)]) == 2
-    assert "ssh -N -L" in capsys.readouterr().err

@@ -8,11 +8,9 @@ from builders.checks import assert_sound, undisturbed
 from builders.live import SENSOR, WALK, run_live
 
 from gazempc.live.clock import RealClock
-from gazempc.live.hints import SetupHints
-from gazempc.live.stamps import ClockOffset, StampReader, Stamps
+from gazempc.live.stamps import ClockOffset, SetupHints, StampReader, Stamps
 from gazempc.live.summary import last_line
-from gazempc.sim.scene import SceneSettings, make_scene
-from gazempc.sim.sensor import observe, sensor_names
+from gazempc.sim.sensor import observe
 
 LATENCY_S = 0.066
 
@@ -42,7 +40,7 @@ def test_a_clock_that_is_off_is_made_up_for_within_a_second(ahead_s, rate_hz):
     assert "--stamps.clock other" in said
 
 
-@pytest.mark.parametrize("ahead_s", [0.05, 0.2, 1.0, 3.0, 20.0, 3600.0])
+@pytest.mark.parametrize("ahead_s", [0.2, 3.0, 3600.0])
 def test_a_clock_that_was_ahead_for_a_second_does_not_shut_its_tracker_out(ahead_s):
     captures_s, arrivals_s = stream()
     used_s, _ = read(captures_s + ahead_s * ((captures_s >= 8.0) & (captures_s < 9.0)), arrivals_s)
@@ -58,14 +56,7 @@ def test_a_clock_that_is_one_percent_fast_is_made_up_for():
     assert "runs 1.0 % fast" in said or "runs 0.9 % fast" in said
 
 
-def test_a_clock_that_is_set_is_followed_with_the_age_that_was_believed():
-    captures_s, arrivals_s = stream()
-    used_s, said = read(captures_s + 0.5 * (captures_s >= 10.0), arrivals_s)
-    assert np.abs(used_s - captures_s)[(captures_s < 10.0) | (captures_s > 11.0)].max() < 0.01
-    assert "ahead" in said
-
-
-def hidden(kind, captures_s, arrivals_s):
+def harmless(captures_s, arrivals_s):
     """What is no wrong clock, or cannot be told from a slow tracker."""
     rng = np.random.default_rng(1)
     pause = np.where((captures_s > 5.0) & (captures_s < 7.0), 7.0 + LATENCY_S, arrivals_s)
@@ -81,29 +72,14 @@ def hidden(kind, captures_s, arrivals_s):
         "slower from 8 s on": (captures_s, arrivals_s + 0.1 * (captures_s > 8.0)),
         "milliseconds": (1e3 * captures_s, arrivals_s),
         "whole seconds": (np.floor(captures_s), arrivals_s),
-    }[kind]
+    }
 
 
-KINDS = (
-    "good", "ppm", "ppm slow", "0.04 s ahead", "0.3 s behind", "a pause", "one stamp in twenty is wrong",
-    "falls behind", "slower from 8 s on", "milliseconds", "whole seconds",
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_is_no_wrong_clock_is_left_alone(kind):
-    stamps_s, arrivals_s = hidden(kind, *stream())
-    used_s, said = read(stamps_s, arrivals_s)
-    assert said == ""
-    assert np.array_equal(used_s, stamps_s)
-
-
-@pytest.mark.parametrize("sensor", sensor_names())
-def test_shipped_sensors_are_left_alone(sensor):
-    scene = make_scene("subject01_R1", SceneSettings(sensor=sensor))
-    sightings = observe(scene.walk, scene.sensor, 0)
-    stamps_s = [each.observation.capture_time_s for each in sightings]
-    assert read(stamps_s, [each.arrival_s for each in sightings])[1] == ""
+def test_what_is_no_wrong_clock_is_left_alone():
+    for kind, (stamps_s, arrivals_s) in harmless(*stream()).items():
+        used_s, said = read(stamps_s, arrivals_s)
+        assert said == "", kind
+        assert np.array_equal(used_s, stamps_s)
 
 
 @pytest.mark.parametrize("drift", [-0.01, 0.01])

@@ -78,19 +78,16 @@ def test_a_camera_on_a_head_that_turns(stage):
     np.testing.assert_allclose(facing, turn.apply([-1.0, 0.0, 0.0]), atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("sent_s", "names"),
-    [([], ("'face_a'", "'base_link'")), ([-0.35], ("'camera_link'", "'base_link'", "0.25 s"))],
-    ids=["unknown", "silent"],
-)
-def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_with_its_frames(stage, sent_s, names):
+def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_with_its_frames(stage):
     source = opened(stage, "base_link")
-    camera = [transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S + s) for s in sent_s]
-    stage.tf(*camera, transform("face_a", [1.0, 0.0, 0.0]))
+    stage.tf(
+        transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S - 0.35),
+        transform("face_a", [1.0, 0.0, 0.0]),
+    )
     wait_for(lambda: source.poll() is not None and source._tf.transforms.has("face_a"))
     stage.now_s += 0.25
     _, (problem,) = polled(source, 1)
-    assert all(name in problem for name in ("/tf, face_a: ", *names))
+    assert all(name in problem for name in ("/tf, face_a: ", "'camera_link'", "'base_link'", "0.25 s"))
 
 
 def test_a_person_has_one_name_whatever_face_they_have(stage):
@@ -135,28 +132,20 @@ def test_a_body_counts_where_there_is_no_face(stage):
 
 def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
     source = opened(stage)
-    stage.tf(
-        transform("face_a", [np.nan, 0.0, 0.0]),
-        transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0),
-        transform("face_c", [1.0, 0.0, 0.0], at_s=None),
-        transform("face_d", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)),
-        transform("face_f", [1.0, 1e300, 0.0]),
-        transform("face_g", [1.0, 0.0, 0.0], (1e300, 0.0, 0.0, 0.0)),
-        transform("face_e", [0.0, 0.0, 0.0]),
-        transform("", [1.0, 0.0, 0.0]),
-    )
+    no_place = "its position is no place on earth, or its quaternion not of unit length"
+    wrong = {
+        "face_a": (transform("face_a", [np.nan, 0.0, 0.0]), no_place),
+        "face_b": (transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0), "its time stamp is -60.0 s from"),
+        "face_c": (transform("face_c", [1.0, 0.0, 0.0], at_s=None), "its header has no time stamp"),
+        "face_d": (transform("face_d", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)), no_place),
+        "face_f": (transform("face_f", [1.0, 1e300, 0.0]), no_place),
+        "face_g": (transform("face_g", [1.0, 0.0, 0.0], (1e300, 0.0, 0.0, 0.0)), no_place),
+        "": (transform("", [1.0, 0.0, 0.0]), "its frame is '' in 'camera_link'"),
+    }
+    stage.tf(*(message for message, _ in wrong.values()), transform("face_e", [0.0, 0.0, 0.0]))
     seen, problems = polled(source, 8)
-    said = "\n".join(sorted(problems))
-    for part in (
-        "/tf, face_a: its position is no place on earth, or its quaternion not of unit length",
-        "/tf, face_b: its time stamp is -60.0 s from this computer's clock",
-        "/tf, face_c: its header has no time stamp",
-        "/tf, face_f: its position is no place on earth",
-        "/tf, face_g: its position is no place on earth",
-        "/tf, face_d: its position is no place on earth, or its quaternion not of unit length",
-        "/tf, : its frame is '' in 'camera_link'",
-    ):
-        assert part in said
+    said = "\n".join(problems)
+    assert all(f"/tf, {name}: {why}" in said for name, (_, why) in wrong.items())
     # That nobody can be at the sensor itself is found where all observations are.
     assert names(seen) == ["e"]
 

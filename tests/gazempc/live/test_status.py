@@ -82,13 +82,6 @@ def test_piped_it_is_one_line_a_second_and_each_new_event_is_explained():
     ]
 
 
-def test_before_the_first_observation():
-    nothing = StatusMoment(0.0, np.zeros(2), np.zeros(2), None, None, None, 0, 0)
-    words = printed([nothing, nothing._replace(time_s=1.0)])
-    assert "no person seen yet; no observations" in words
-    assert "no plan" in words
-
-
 def test_a_closed_pipe_does_not_end_a_run():
     class Closed(io.StringIO):
         def write(self, text):

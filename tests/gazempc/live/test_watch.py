@@ -9,9 +9,9 @@ from builders.checks import assert_same_commands, assert_sound
 from builders.live import run_live
 
 from gazempc.live.clock import SimulatedClock
-from gazempc.live.hints import Frame, SetupHints
 from gazempc.live.mount import Mount
 from gazempc.live.plausibility import Watch, judge_ids, judge_place, judge_rate
+from gazempc.live.stamps import Frame, SetupHints
 from gazempc.settings import LoopSettings
 from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.sensor import observe, sensor_names
@@ -117,7 +117,6 @@ def test_rare_frames_are_told_from_the_median_of_their_intervals(rate_hz, said):
 def test_a_slow_tracker_and_a_person_who_is_rarely_found_are_told_apart(times_s, cause):
     (finding,) = judge_rate(times_s, 1.0, SetupHints())
     assert cause in finding.text
-    assert judge_rate(times_s, 1.0, SetupHints(judges_rate=False)) == []
 
 
 def test_a_name_for_each_frame_is_no_name():
@@ -173,17 +172,11 @@ def said(given):
 LEFT, RIGHT = [2.0, 1.5, 0.3], [2.5, -1.5, 0.3]
 
 
-def test_several_people_without_names_are_no_alarm():
+def test_a_wrong_unit_and_new_names_are_noticed_among_several_who_need_no_names():
     assert said(frames(LEFT, RIGHT, [4.0, 0.0, 0.2])) == []
-
-
-def test_a_wrong_unit_and_new_names_are_noticed_among_several():
     millimetres = [list(1e3 * np.array(at_m)) for at_m in (LEFT, RIGHT)]
     assert said(frames(*millimetres)) == ["wrong_unit"]
     assert said(frames(LEFT, RIGHT, name=lambda k, i: f"{2 * k + i}")) == ["new_id_each_frame"]
-
-
-WALKS = ("subject01_R1", "subject08_R6")
 
 
 def found_in(sightings):
@@ -203,6 +196,5 @@ def seen(walk, sensor="reference", seed=0):
 
 
 @pytest.mark.parametrize("sensor", sensor_names())
-@pytest.mark.parametrize("walk", WALKS)
-def test_good_data_are_not_complained_of(walk, sensor):
-    assert found_in(seen(walk, sensor)) == []
+def test_good_data_are_not_complained_of(sensor):
+    assert found_in(seen("subject01_R1", sensor)) == []

@@ -30,7 +30,6 @@ def metres(limit_m: float) -> st.SearchStrategy[tuple[float, ...]]:
 
 offsets = metres(0.1)
 geometries = st.builds(Geometry, tilt_axis_in_pan_m=offsets, eye_in_tilt_m=offsets)
-angle_pairs = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5))
 
 
 def chain(geometry: Geometry, pan: float, tilt: float) -> tuple[Array, Array]:
@@ -101,15 +100,6 @@ def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry: Geometry, 
     angles = look_at_rad(geometry, [0.0, 0.0, z])
     assert np.all(np.isfinite(angles))
     assert error_by_chain(geometry, angles, np.array([0.0, 0.0, z])) < 1e-9
-
-
-@pytest.mark.parametrize("shape", [(), (2, 4), (0,)])
-def test_shapes_broadcast(shape: tuple[int, ...]) -> None:
-    targets = np.array([2.0, 0.0, 0.5]) + np.random.default_rng(1).uniform(-1, 1, (*shape, 3))
-    angles_rad = look_at_rad(OFFSET, targets)
-    assert gaze_error_rad(OFFSET, angles_rad, targets).shape == shape
-    for index in np.ndindex(shape):
-        assert error_by_chain(OFFSET, angles_rad[index], targets[index]) < 1e-9
 
 
 # ---------------------------------------------------------------- unwrapping

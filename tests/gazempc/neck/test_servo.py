@@ -81,12 +81,3 @@ def test_a_whole_dead_time_in_decimal_seconds_ends_on_the_tick() -> None:
         assert abs(servo.state[0]) < 1e-12
         servo.advance_to((start + 81) * TICK_S)
         assert servo.state[0] == pytest.approx(step_response(np.array([TICK_S]), 12.0, 0.9)[0], abs=1e-9)
-
-
-def test_time_does_not_run_backwards() -> None:
-    servo = DelayedServo(REFERENCE, 0.0, time_s=1.0)
-    servo.advance_to(1.0)
-    servo.advance_to(2.0)
-    with pytest.raises(ValueError, match="time cannot run backwards"):
-        servo.advance_to(1.999)
-    servo.advance_to(2.5)

@@ -47,18 +47,6 @@ def test_speeds_move_the_joint_as_in_scipy(zeta: float) -> None:
         assert servo.state == pytest.approx(integrated(axis, until_s), abs=1e-8)
 
 
-def test_the_derivative_of_a_trajectory_moves_a_joint_as_the_trajectory_itself() -> None:
-    axis, period_s = speed_axis(0.2), 0.001
-    by_speed, by_angle = DelayedServo(axis, 0.0), DelayedServo(axis.model_copy(update={"command": "position"}), 0.0)
-    for k in range(1500):
-        t = k * period_s
-        for servo, command in ((by_speed, 1.2 * np.sin(3.0 * t)), (by_angle, 0.4 * (1.0 - np.cos(3.0 * t)))):
-            servo.advance_to(t)
-            servo.send(float(command))
-        # Held commands: the angle's mean over a period is half a period late, and so is the speed's integral.
-        assert by_speed.state[0] == pytest.approx(by_angle.state[0], abs=2e-6)
-
-
 def test_the_joint_ends_at_its_stops_and_leaves_them_at_once() -> None:
     servo = DelayedServo(speed_axis(0.0, 1.0), 0.0, stops_rad=(-0.1, 0.2))
     servo.send(1.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.standing import standing_together
 
-from experiments.people.standing import least_time_s
+from experiments.people.study import least_time_s
 from gazempc.results.attention import measure_attention
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.motion import limit_violations

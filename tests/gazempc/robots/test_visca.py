@@ -5,6 +5,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -113,7 +114,15 @@ def test_speeds_between_two_steps_are_dithered_to_their_mean() -> None:
 
 
 def test_a_slow_answer_delays_no_command() -> None:
-    with camera(answer_delay_s=0.1) as (server, _), connected(server.address) as robot:
+    def late(_: int, packet: bytes) -> list[bytes]:
+        time.sleep(0.1)
+        return [packet]
+
+    with (
+        camera() as (server, _),
+        closing(BadNetwork(server.address, to_robot=late)) as network,
+        connected(network.address) as robot,
+    ):
         longest_s, begin_s, k = 0.0, time.monotonic(), 0
         before = len(server.driven)
         while time.monotonic() - begin_s < 1.0:
@@ -232,7 +241,7 @@ def test_moves_are_renewed_a_silent_loop_and_the_end_are_a_stop() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", ["kill", "terminate", "raise"])
+@pytest.mark.parametrize("ending", ["kill", "raise"])
 def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> None:
     program = """
         import sys, time
@@ -245,7 +254,7 @@ def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> No
         robot.connect()
         for k in range(3000):
             robot.send_command(np.array([0.5, 0.1]))
-            if k == 50:
+            if k == 10:
                 print("moving", flush=True)
                 if sys.argv[2] == "raise":
                     raise RuntimeError
@@ -265,20 +274,10 @@ def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> No
         assert process.stdout.readline() == b"moving\n"
         if ending != "raise":
             assert server.driven[-1][1] > 0
-            (process.kill if ending == "kill" else process.terminate)()
+            process.kill()
         process.wait(30)
         wait_until(lambda: server.driven[-1][1:] == (0, 0))
         process.stdout.close()
-
-
-def test_a_probe_asks_and_moves_nothing() -> None:
-    with camera() as (server, _):
-        robot = ViscaCamera(f"127.0.0.1:{server.address[1]}", PTZ, time.monotonic, ViscaOptions())
-        found = dict(robot.probe())
-        assert found["power"] == "on"
-        assert found["position"] == "0 and 0 counts"
-        assert found["fastest speeds"] == "24 and 20"
-        assert not server.driven
 
 
 def test_a_reply_that_is_an_error_is_named() -> None:

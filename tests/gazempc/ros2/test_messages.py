@@ -44,5 +44,6 @@ def test_a_python_without_ros_is_told_how_to_source_it(without_ros):
 @pytest.mark.slow
 def test_a_live_run_without_ros_is_refused(without_ros, tmp_path, capsys):
     words = ["--source", "ros2:/person", "--robot", "simulated", "--out", str(tmp_path / "out")]
+    words += ["--controller", "lookahead", "--predictor", "constant_velocity", "--log", "npz"]
     assert session.main(words) == 2
     assert "Source the installation" in capsys.readouterr().err

@@ -8,6 +8,7 @@ import pytest
 from builders.recordings import reordered, synthetic
 from builders.replays import replayed
 
+from gazempc.command import Progress
 from gazempc.controllers.mpc.condense import axis_model, condense
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError
@@ -16,7 +17,6 @@ from gazempc.neck import servo
 from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import load_neck
 from gazempc.parts import TRUE_FUTURE, check_gaze
-from gazempc.progress import Progress
 from gazempc.results.log_files import load_log
 from gazempc.results.metrics import measure
 from gazempc.settings import LoopSettings

@@ -3,16 +3,19 @@
 import http.client
 import json
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
 from builders.browser import browser
+from builders.live import NECK
 from builders.ports import free_port
+from builders.replays import run_info
 
 import gazempc as gz
 from gazempc.live.view.orders import ViewOrders
 from gazempc.live.view.viewers import Feed
-from gazempc.live.view.web import Snapshots
+from gazempc.live.view.web import Snapshots, WebPage
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results.mcap import moments_of
 from gazempc.results.moments import EventMoment, LateMoment, PictureMoment, PlanMoment, SeenMoment, TickMoment
@@ -156,26 +159,21 @@ def asked(port, path, host):
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1"])
-def test_only_this_computer_and_only_its_own_files_are_asked(started, host):
+def test_only_this_computer_and_only_its_own_files_are_asked(host):
     port = free_port()
-    started(port, host)
-    status, policy, page = asked(port, "/", f"localhost:{port}")
-    assert status == 200
-    # At port 80 a browser leaves the port out.
-    assert asked(port, "/", host)[0] == 200
+    with closing(WebPage(run_info(NECK), host, port)):
+        status, policy, page = asked(port, "/", f"localhost:{port}")
+        assert status == 200
+        # At port 80 a browser leaves the port out.
+        assert asked(port, "/", host)[0] == 200
+        # DNS rebinding: a foreign page that resolves its own name to this computer.
+        assert asked(port, "/", "evil.example:80")[0] == 403
+        assert asked(port, "/../web.py", f"127.0.0.1:{port}")[0] == 404
+        with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}: Address already in use"):
+            WebPage(run_info(NECK), "127.0.0.1", port)
     assert "default-src 'self'" in policy
     assert b"http://" not in page
     assert b"https://" not in page
-    # DNS rebinding: a foreign page that resolves its own name to this computer.
-    assert asked(port, "/", "evil.example:80")[0] == 403
-    assert asked(port, "/../web.py", f"127.0.0.1:{port}")[0] == 404
-
-
-def test_a_port_that_is_taken_is_said(started, log):
-    port = free_port()
-    started(port)
-    with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}: Address already in use"):
-        Feed(ViewOrders(log.run, view="web", port=port))
 
 
 def test_the_error_is_against_the_observed_head_while_it_is_new(moments, log):
