@@ -78,7 +78,7 @@ def revisions_m(recording, make, sensor="perfect", ahead_s=0.5):
     return np.array(found)
 
 
-@pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("stop", 0.2)])
+@pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("start", 0.1), ("stop", 0.1)])
 def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, largest_m):
     """Walking and staying lie up to 0.7 m apart at 0.5 s; a decision takes several frames."""
     for k in (1, 7):
