@@ -16,7 +16,7 @@ for neck in ("reachy_mini", "reachy_mini_body"):
         )
 
 # It prints:
-# reachy_mini      reactive  4.26 deg, eye contact  39%, 0.56 rad/s²
-# reachy_mini      mpc       0.60 deg, eye contact 100%, 0.51 rad/s²
-# reachy_mini_body reactive  1.62 deg, eye contact  88%, 1.01 rad/s²
-# reachy_mini_body mpc       0.58 deg, eye contact 100%, 0.46 rad/s²
+# reachy_mini      reactive  4.26 deg, eye contact  39%, 0.54 rad/s²
+# reachy_mini      mpc       0.61 deg, eye contact 100%, 0.49 rad/s²
+# reachy_mini_body reactive  1.63 deg, eye contact  88%, 0.93 rad/s²
+# reachy_mini_body mpc       0.59 deg, eye contact 100%, 0.45 rad/s²

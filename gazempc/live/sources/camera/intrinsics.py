@@ -140,8 +140,10 @@ def _values(path: Path) -> dict[str, FloatArray]:
             raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it; needed: .yml, .xml or .json")
         nodes = {name: node for name in names if not (node := storage.getNode(name)).empty()}
         return {name: np.asarray(node.mat() if name in matrices else node.real()) for name, node in nodes.items()}
-    except cv2.error as error:
-        raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it ({error.err or error})") from None
+    except (cv2.error, SystemError) as error:  # which one depends on the damage
+        cause = error.__cause__ or error
+        why = getattr(cause, "err", "") or cause
+        raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it ({why})") from None
 
 
 def _is_numbers(value: object) -> bool:

@@ -88,7 +88,7 @@ def test_yaws_are_measured_in_spite_of_half_turns():
     position_m = seen_m(rng, person_m(rng, TIMES_S), TIMES_S, across_deg=(0.1, 0.0, 1.0), along=(0.01, 0.0, 1.0))
     wrapped_rad = np.angle(np.exp(1j * yaw_rad))
     one = measure_tracker(track_of(TIMES_S, position_m, wrapped_rad), quiet)
-    assert one.head_yaw.error.wander == "known"
-    assert np.rad2deg(one.head_yaw.error.fit.white.value) == pytest.approx(4.0, rel=0.1)
-    assert np.rad2deg(one.head_yaw.error.fit.wander.value) == pytest.approx(8.0, rel=0.3)
+    assert one.head_yaw.wander == "known"
+    assert np.rad2deg(one.head_yaw.fit.white.value) == pytest.approx(4.0, rel=0.1)
+    assert np.rad2deg(one.head_yaw.fit.wander.value) == pytest.approx(8.0, rel=0.3)
     assert one.pelvis_yaw is None
