@@ -241,6 +241,9 @@ class WalkerModel:
         Args:
             network: Inputs of the network, shape (N, N_INPUTS).
             motion: Motion in the two regimes.
+
+        Returns:
+            Answers of the ensemble, for `answer`.
         """
         seen = np.maximum.reduce(network[:, KNOWN], axis=1)
         if np.minimum.reduce(seen, initial=1.0) == 1.0:
