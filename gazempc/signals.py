@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import _thread
 import importlib
 import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -113,13 +115,17 @@ def kept_from_children() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def _end_after(grace_s: float, status: int) -> None:
+    time.sleep(grace_s)
+    os._exit(status)
+
+
 def _receive(signum: int, _: FrameType | None) -> None:
     if _State.received is not None:
         os._exit(128 + signum)
     _State.received = signum
-    last_resort = threading.Timer(_State.grace_s, os._exit, (128 + signum,))
-    last_resort.daemon = True
-    last_resort.start()
+    # No `threading.Timer`: its start takes a lock that the interrupted code may hold.
+    _thread.start_new_thread(_end_after, (_State.grace_s, 128 + signum))
     _State.pending = bool(_State.deferring)
     if not _State.pending:
         raise Interrupted(signum)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import contextlib
 import gc
 import logging
@@ -36,7 +37,9 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
     def handle(number: int, frame: FrameType | None) -> None:
         nonlocal times
         times += 1
-        stop.set()
+        # A handler interrupts the main thread anywhere, so also in `stop.set`, whose lock is not reentrant: it takes no
+        # lock itself, nor does it start a `threading.Thread`, which takes one.
+        _thread.start_new_thread(stop.set, ())
         if times == 2:
             # The third one is for a driver that hangs.
             for each in before:

@@ -84,10 +84,36 @@ from gazempc.live.process import stopped_by_signals
 stop = threading.Event()
 with stopped_by_signals(stop):
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        print(stop.is_set(), flush=True)
+        print(number != signal.SIGINT and stop.wait(60), flush=True)
         signal.raise_signal(number)
     print("alive", flush=True)
 """
+
+
+HELD_UP = """
+import signal, threading
+from gazempc.live.process import stopped_by_signals
+
+class Stop(threading.Event):
+    lock = threading.Lock()
+
+    def set(self):
+        with self.lock:
+            if not self.is_set():
+                super().set()
+                signal.raise_signal(signal.SIGTERM)
+
+stop = Stop()
+with stopped_by_signals(stop):
+    signal.raise_signal(signal.SIGHUP)
+    print(stop.wait(60), flush=True)
+"""
+
+
+def test_a_signal_that_arrives_while_the_event_is_set_does_not_hang_the_process():
+    """Handlers run between any two instructions of the main thread, so the second one within the first one's `set`."""
+    done = subprocess.run([sys.executable, "-c", HELD_UP], capture_output=True, text=True, check=False, timeout=60)
+    assert (done.stdout.split(), done.returncode) == (["True"], 0), done.stderr
 
 
 def test_the_first_signal_asks_for_the_end_and_the_third_one_ends_the_process():
