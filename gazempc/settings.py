@@ -147,8 +147,12 @@ class MpcSettings(Settings):
     """Controller `mpc`."""
 
     horizon_s: float = Field(default=0.8, ge=0.1, le=5, description="Length of the plan after the dead time")
-    smoothing_time_s: float = Field(
-        default=0.12, gt=0, le=1, description="Smoothing time T; larger is smoother and less exact"
+    smoothing_time_s: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="Smoothing time T; larger is smoother and less exact; default 0.12, down to 0.07 for a neck whose "
+        "dead time and lag are shorter than 0.2 s",
     )
     acquisition_time_s: float = Field(
         default=0.09, gt=0, le=1, description="T during acquisition of a person far off the gaze"

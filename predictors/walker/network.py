@@ -20,11 +20,12 @@ Float32Array = NDArray[np.float32]
 KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
 # Typical departure at each knot: it scales the networks' outputs to order one.
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
-# Time constant with which a person who stays returns from the newest position to the place of staying, seconds. Chosen
-# on standing people left out of the fit and on bags of a face tracker, with necks of 0.03 to 0.4 s of dead time: an
-# immediate return costs fast necks up to half of their accuracy, with 1.5 s the wander of a body tracker comes through.
-_RETURN_TIME_S = 0.5
-_RETURNED = 1.0 - np.exp(-KNOTS_S / _RETURN_TIME_S)
+# A person who stays returns from the newest position, at rest, to the place of staying as a critically damped system
+# with this time constant, seconds. Of 0.25, 0.4 and 0.6 s, on standing people left out of the fit and on bags of a face
+# tracker, with necks of 0.03 to 0.4 s of dead time: a quicker return costs fast necks accuracy, with a slower one the
+# wander of a body tracker comes through.
+_RETURN_TIME_S = 0.4
+_RETURNED = 1.0 - (1.0 + KNOTS_S / _RETURN_TIME_S) * np.exp(-KNOTS_S / _RETURN_TIME_S)
 _LOG_SPREAD_RANGE = (math.log(0.002), math.log(5.0))  # metres
 # Outputs: departures of a walk from its line, the logit of walking, and logits of the places to stay at.
 DEPARTURES = slice(0, 3 * KNOTS_S.size)
@@ -144,7 +145,7 @@ def staying(places: Any, motion: RegimeMotion, xp: Any = np) -> Any:
         xp: numpy, or jax.numpy where the networks are fitted.
 
     Returns:
-        Shape (..., N, knots, 3), metres: an exponential return from the newest position to a weighted mean of the
+        Shape (..., N, knots, 3), metres: a critically damped return from the newest position to a weighted mean of the
         places.
     """
     share = xp.exp(places - places.max(axis=-1, keepdims=True))

@@ -24,6 +24,12 @@ from gazempc.types import FloatArray
 
 # The plan reaches this far so that there is something to follow while the next one is late.
 _PLAN_S = 0.4
+# T: motion that is not forecast is followed later by about 1.4 T than by the neck's dead time and lag. So T is at most
+# 0.62 of these, where with a neck of 0.12 s the default of slower necks costs a sixth of the accuracy before people who
+# sit and stand (nine bags of a face tracker). Below 0.07 s a step that meets the acceleration limit overshoots by more
+# than 5 %.
+LONGEST_TIME_S, SHORTEST_TIME_S = 0.12, 0.07
+_SHARE_OF_DELAY = 0.62
 # The head of a neck with eyes: smooth, as the eyes make up for it.
 _HEAD_TIME_S = 0.35
 # Share of a control period that the solvers of both joints together may take.
@@ -45,7 +51,8 @@ class Mpc:
         neck: The neck.
         horizon_s: Length of the optimised motion after the dead time, seconds.
         smoothing_time_s: T: gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
-            followed; larger is smoother and less exact.
+            followed; larger is smoother and less exact. None: 0.12, for a neck with less than 0.2 s of dead time and
+            lag 0.62 of these, at least 0.07.
         acquisition_time_s: T during acquisition of a person far off the gaze; not more than T is used.
         head_smoothing_time_s: T of the head of a neck with eyes, which look where it does not point yet. None: 0.35, or
             0.1 for a head that leaves a share to the eyes, which people turn as quickly as they can.
@@ -71,7 +78,7 @@ class Mpc:
         self,
         neck: NeckSpec,
         horizon_s: float = _DEFAULTS.horizon_s,
-        smoothing_time_s: float = _DEFAULTS.smoothing_time_s,
+        smoothing_time_s: float | None = _DEFAULTS.smoothing_time_s,
         acquisition_time_s: float = _DEFAULTS.acquisition_time_s,
         head_smoothing_time_s: float | None = _DEFAULTS.head_smoothing_time_s,
         terms: OwnChoice = (),
@@ -83,6 +90,9 @@ class Mpc:
             horizon_s, smoothing_time_s = framing.horizon_s, framing.smoothing_time_s
         elif neck.eyes is not None:
             smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
+        elif smoothing_time_s is None:
+            delay_s = float(np.max((neck.dead_time_s + neck.servo_lag_s)[: len(AXES)]))
+            smoothing_time_s = min(max(_SHARE_OF_DELAY * delay_s, SHORTEST_TIME_S), LONGEST_TIME_S)
         if horizon_s < 2.0 * smoothing_time_s:
             needed = (
                 f"for mpc.smoothing_time_s: {smoothing_time_s:g} s; accepted: at least {2.0 * smoothing_time_s:g} s"

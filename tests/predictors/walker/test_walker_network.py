@@ -47,7 +47,8 @@ def parts_of(outputs, motion):
     departures = outputs[..., :k].reshape(*outputs.shape[:-1], KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
     shares = np.exp(outputs[..., k + 1 :])
     stay_m = np.einsum("enp,npi->eni", shares / shares.sum(axis=-1, keepdims=True), motion.places_m)
-    newest_m, returned = motion.places_m[:, :1], 1.0 - np.exp(-KNOTS_S / 0.5)[:, None]
+    # Critically damped, from rest, with a time constant of 0.4 s.
+    newest_m, returned = motion.places_m[:, :1], 1.0 - ((1.0 + KNOTS_S / 0.4) * np.exp(-KNOTS_S / 0.4))[:, None]
     at_m = newest_m + returned * (stay_m[..., None, :] - newest_m)
     return departures, at_m - KNOTS_S[:, None] * motion.line_m_s[:, None, :], outputs[..., k]
 
