@@ -15,28 +15,13 @@ def between(start_s, stop_s):
 
 def answers_badly(kind, state):
     """One bad way to answer a reading."""
-    position = np.array([0.1, 0.2])
     if isinstance(kind, type):
         raise kind("no answer")
     return {
         "none": None,
-        "nan": JointState(state.time_s, position * np.nan, position * np.nan),
+        "nan": JointState(state.time_s, state.position_rad * np.nan, state.velocity_rad_s),
         "three joints": JointState(state.time_s, np.zeros(3), np.zeros(3)),
-        "scalar": JointState(state.time_s, np.array(0.1), np.array(0.0)),
-        "no position": JointState(state.time_s, None, None),
-        "lists": JointState(state.time_s, [0.1, 0.2], [0.0, 0.0]),
-        "no time": JointState(np.nan, state.position_rad, state.velocity_rad_s),
-        "a year old": JointState(state.time_s - 3e7, state.position_rad, state.velocity_rad_s),
-        "the same for ever": JointState(1.9, position, 0 * position),
-        "far off": JointState(state.time_s, state.position_rad + 0.5, state.velocity_rad_s),
     }[kind]
-
-
-def raising(error):
-    def instead(plan=None):
-        raise error("made to fail")
-
-    return instead
 
 
 def nan_plan(plan):

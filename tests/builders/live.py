@@ -18,7 +18,6 @@ from gazempc.loop.planner import ImmediatePlanner
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.truth import TrueHead
-from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.sensor import load_sensor
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
@@ -96,20 +95,9 @@ class Result:
         return np.rad2deg(np.arccos(np.clip(np.sum(gaze * head, axis=1) / np.linalg.norm(head, axis=1), -1, 1)))
 
 
-def make_live_run(
-    neck,
-    robot,
-    source,
-    clock,
-    keep,
-    controller=None,
-    planner=ImmediatePlanner,
-    predictor=None,
-    listeners=(),
-    **more,
-):
-    """A `LiveRun` of given parts; `planner` makes the planner of the controller, `more` are other parts."""
-    setup = LiveSetup(
+def live_setup(neck, robot, source, clock, controller=None, planner=ImmediatePlanner, predictor=None, **more):
+    """The parts of a run; `planner` makes the planner of the controller, `more` are other parts."""
+    return LiveSetup(
         run_info(neck, mode="live"),
         neck,
         predictor or ConstantVelocity(),
@@ -120,7 +108,6 @@ def make_live_run(
         make_planner=planner,
         **more,
     )
-    return LiveRun(setup, keep, listeners)
 
 
 def run_live(
@@ -137,10 +124,10 @@ def run_live(
     walk=WALK,
     duration_s=6.0,
     stop=None,
-    log_s=300.0,
     keep=None,
     source=None,
     listeners=(),
+    neck=NECK,
     **more,
 ):
     """Run live on a simulated clock, with faults.
@@ -150,12 +137,8 @@ def run_live(
     """
     clock = clock or SimulatedClock()
     if start_rad is None:
-        start_rad = look_at_rad(NECK.geometry, walk.truth.head_position_m[0])
-    if robot_class is MujocoNeck:
-        inner = MujocoNeck(NECK, clock.now_s, start_rad)
-    else:
-        inner = robot_class(NECK, start_rad, clock.now_s)
-    robot = Spied(inner, clock, on_read, on_send)
+        start_rad = look_at_rad(neck.geometry, walk.truth.head_position_m[0])
+    robot = Spied(robot_class(neck, start_rad, clock.now_s), clock, on_read, on_send)
     source = source or Faulty(clock, change, on_poll, walk)
     true_head = TrueHead(walk)
     logs = []
@@ -164,20 +147,8 @@ def run_live(
         own_s = times_s - source.start_s
         return np.where(true_head.known(own_s)[:, None], true_head(own_s), np.nan)
 
-    run = make_live_run(
-        NECK,
-        robot,
-        source,
-        clock,
-        keep or (lambda log, times: logs.append((log, times))),
-        controller=controller,
-        planner=planner,
-        predictor=predictor,
-        listeners=listeners,
-        log_s=log_s,
-        true_head_base_m=known,
-        **more,
-    )
+    setup = live_setup(neck, robot, source, clock, controller, planner, predictor, true_head_base_m=known, **more)
+    run = LiveRun(setup, keep or (lambda log, times: logs.append((log, times))), listeners)
     result = Result(logs, run.report, robot, source, duration_s)
     try:
         run.run(stop or threading.Event(), duration_s)

@@ -26,25 +26,6 @@ class Standing:
             covariances_m2=np.tile(self.noise_m**2 * np.eye(3), (count, 1, 1)),
             issued_at_s=self.last.capture_time_s,
         )
-
-class Lacking:
-    def reset(self): ...
-    def update(self, observation): ...
-
-class Raising(Standing):
-    def __init__(self):
-        raise OSError("no such model")
-
-class WrongShape(Standing):
-    def forecast(self, times_s):
-        return super().forecast(times_s[:-1])
-
-class Later(Standing):
-    """Fails once it is under way."""
-    def forecast(self, times_s):
-        if self.last.capture_time_s > 2.0:
-            raise TypeError("under way")
-        return super().forecast(times_s)
 '''
 CONTROLLER = """
 import gazempc as gz
@@ -53,9 +34,6 @@ class Eager(gz.Reactive):
     def __init__(self, neck, gain: float = 1.0):
         super().__init__(neck)
         self.gain = gain
-
-class Lacking:
-    def reset(self): ...
 
 class WrongPlan(gz.Reactive):
     def plan(self, situation):
@@ -74,20 +52,15 @@ class Head(SimulatedNeck):
 class RealHead(Head):
     keeps_any_clock = False
 
-class Lacking:
+class LackingRobot:
     keeps_any_clock = True
     def connect(self): ...
     def read_state(self): ...
     def close(self): ...
 
-class Raising(Head):
+class RaisingRobot(Head):
     def __init__(self, port: str):
         raise OSError(f"no device at {port}")
-
-class WrongShape(Head):
-    def read_state(self):
-        state = super().read_state()
-        return type(state)(state.time_s, np.zeros(3), np.zeros(3))
 
 class WrongLater(Head):
     reads = 0
@@ -126,9 +99,6 @@ class Walker:
 
     def close(self): ...
 
-class Lacking(Walker):
-    poll = None
-
 class Failing(Walker):
     polls = 0
     def poll(self):
@@ -136,13 +106,6 @@ class Failing(Walker):
         if 300 <= self.polls < 340:
             raise ConnectionError("the tracker is gone")
         return super().poll()
-
-class Nothing(Walker):
-    def poll(self):
-        return None
-    @property
-    def finished(self):
-        return self.clock.now_s() > 1.0
 '''
 _NUMBERS = itertools.count()
 
@@ -153,8 +116,5 @@ def write_own_parts(folder):
     Returns the module's name.
     """
     name = f"own_parts_{next(_NUMBERS)}"
-    text = PREDICTOR + CONTROLLER.replace("Lacking", "LackingController") + ROBOT.replace("Lacking", "LackingRobot")
-    text = text.replace("class Raising(Head)", "class RaisingRobot(Head)")
-    text = text.replace("class WrongShape(Head)", "class WrongRobot(Head)")
-    (folder / f"{name}.py").write_text(text + SOURCE.replace("Lacking", "LackingSource"), encoding="utf-8")
+    (folder / f"{name}.py").write_text(PREDICTOR + CONTROLLER + ROBOT + SOURCE, encoding="utf-8")
     return name

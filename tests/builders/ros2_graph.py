@@ -7,8 +7,6 @@ from functools import cache
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from gazempc.ros2.messages import Ros2Error
-
 OPTICAL = "camera_color_optical_frame"
 TF, IDS, TEXT = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
 # The loop's clock began at this Unix time, and now it is 300.3 s later.
@@ -80,8 +78,6 @@ class _Subscription:
         self.stage, self.topic, self.type_name, self.queue = stage, topic, type_name, deque(maxlen=256)
 
     def take(self):
-        if self.stage.down:
-            raise Ros2Error("rclpy: the context is shut down")
         return [self.queue.popleft() for _ in range(len(self.queue))]
 
     @property
@@ -122,7 +118,6 @@ class Stage:
     def __init__(self):
         self.now_s, self.opened, self.listeners, self.kept = NOW_S, [], [], {}
         self.senders = defaultdict(list)
-        self.down = False
 
     def make_node(self, name, use_sim_time):
         return _Node(self)

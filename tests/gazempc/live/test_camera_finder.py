@@ -18,11 +18,9 @@ class Faces:
 
     def __init__(self):
         self.here = []
-        self.looks = 0
         self.score = self.mirrored_score = 0.8
 
     def faces(self, picture, corner_px, side_px, score_min, mirrored=False):
-        self.looks += 1
         found = []
         for x, y, width in self.here:
             inside = all(
@@ -82,13 +80,9 @@ def test_a_person_keeps_the_name_while_walking_and_while_the_camera_turns(faces,
         if k > 5:
             assert names(found) == ["1"]
             assert found[0].face.box_px[:2] == pytest.approx(faces.here[0][:2])
-
-
-def test_on_a_slow_computer_a_person_keeps_the_name(faces, finder):
-    for k in range(12):
-        faces.here = [(200 + 4 * k, 200, 60)]
-        found = finder.see(PICTURE, 1.5 * k)
-    assert names(found) == ["1"]
+    for k in range(6):  # also on a slow computer
+        faces.here = [(380 + 4 * k, 200, 30)]
+        assert names(finder.see(PICTURE, 4.0 + 1.5 * k)) == ["1"]
 
 
 def test_two_people_who_pass_each_other_keep_their_names(faces, finder):
@@ -96,8 +90,7 @@ def test_two_people_who_pass_each_other_keep_their_names(faces, finder):
         faces.here = [(100 + 6 * k, 200, 40), (500 - 6 * k, 260, 60)]
         found = finder.see(PICTURE, k * FRAME_S)
     left, right = sorted(found, key=lambda person: person.face.box_px[0])
-    first = {"1", "2"}
-    assert {left.person_id, right.person_id} == first
+    assert {left.person_id, right.person_id} == {"1", "2"}
     assert left.width_px == pytest.approx(60)
 
 

@@ -39,19 +39,13 @@ def test_opencvs_calibration_files(tmp_path, ending, names):
 
 def test_a_calibration_file_of_ros(tmp_path):
     file = tmp_path / "head_camera.yaml"
-    matrices = {
-        "image_width": 640,
-        "image_height": 480,
-        "camera_matrix": {"rows": 3, "cols": 3, "data": MATRIX.ravel().tolist()},
-        "distortion_coefficients": {"rows": 1, "cols": 5, "data": DISTORTION.tolist()},
-    }
-    file.write_text(yaml.safe_dump(matrices))
+    matrix = {"rows": 3, "cols": 3, "data": MATRIX.ravel().tolist()}
+    distortion = {"rows": 1, "cols": 5, "data": DISTORTION.tolist()}
+    matrices = {"camera_matrix": matrix, "distortion_coefficients": distortion}
+    file.write_text(yaml.safe_dump({"image_width": 640, "image_height": 480} | matrices))
     assert from_calibration(file, 640, 480).rays(projected(MATRIX, DISTORTION)) == pytest.approx(TANGENTS, abs=1e-4)
-
-
-def test_a_calibration_at_another_size_of_the_same_shape_is_scaled(tmp_path):
-    file = opencv_file(tmp_path / "c.yml", image_width=640, image_height=480, K=MATRIX, D=DISTORTION)
-    pixels = 2 * (projected(MATRIX, DISTORTION) + 0.5) - 0.5  # edges double, middles of pixels with them
+    # At another size of the same shape: edges double, middles of pixels with them.
+    pixels = 2 * (projected(MATRIX, DISTORTION) + 0.5) - 0.5
     assert from_calibration(file, 1280, 960).rays(pixels) == pytest.approx(TANGENTS, abs=1e-4)
 
 
@@ -66,21 +60,19 @@ def test_a_field_of_view_spans_the_picture():
 @pytest.mark.parametrize(
     ("fields", "complaint"),
     [
-        ({"camera": MATRIX}, "no camera matrix; accepted names: camera_matrix"),
-        ({"K": MATRIX[:2]}, "needed are 3 x 3 numbers"),
-        ({"K": -MATRIX}, "positive focal lengths"),
-        ({"K": MATRIX, "image_width": 1280, "image_height": 720}, "made for pictures of 1280 x 720 pixels"),
+        ({"camera": MATRIX}, "camera_matrix"),
+        ({"K": MATRIX[:2]}, "3 x 3"),
+        ({"K": -MATRIX}, "focal"),
+        ({"K": MATRIX, "image_width": 1280, "image_height": 720}, "1280 x 720"),
+        (None, "no such file"),
+        ("{[", "YAML"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused(tmp_path, fields, complaint):
-    with pytest.raises(SettingsError, match=complaint):
-        from_calibration(opencv_file(tmp_path / "c.yml", **fields), 640, 480)
-
-
-@pytest.mark.parametrize(("text", "complaint"), [(None, "there is no such file"), ("{[", "not valid YAML")])
-def test_a_file_that_cannot_be_read_is_refused(tmp_path, text, complaint):
-    file = tmp_path / "c.yaml"
-    if text is not None:
-        file.write_text(text)
+    file = tmp_path / "c.yml"
+    if isinstance(fields, str):
+        file.write_text(fields)
+    elif fields is not None:
+        opencv_file(file, **fields)
     with pytest.raises(SettingsError, match=complaint):
         from_calibration(file, 640, 480)

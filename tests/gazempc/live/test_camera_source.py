@@ -1,10 +1,12 @@
 """The camera source: its process, its times, its files, and what it refuses."""
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -46,10 +48,13 @@ class Portrait:
     def read(self):
         self.count += 1
         if self.count > 20:
-            return None
+            return self.end()
         captured_s = time.monotonic()
         time.sleep(0.05)
         return np.ascontiguousarray(ASTRONAUT), captured_s
+
+    def end(self):
+        return None
 
     def close(self):
         pass
@@ -67,10 +72,8 @@ class Row(Portrait):
         return given and (np.hstack([portrait, portrait[:, ::-1], portrait][: self.people]), captured_s)
 
 class Broken(Portrait):
-    def read(self):
-        if self.count > 5:
-            raise OSError("the cable was pulled")
-        return super().read()
+    def end(self):
+        raise OSError("the cable was pulled")
 
 class Nobody(Portrait):
     def read(self):
@@ -93,44 +96,23 @@ def own_camera(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
 
 
-@pytest.fixture
-def opened():
-    """Opens a source, and closes it at the end."""
-    sources = []
-
-    def make(address, own=None, **options):
-        lines = []
-        source = CameraSource(address, CameraOptions(**options), RealClock(), lines.append, own)
-        sources.append(source)
-        source.open()
-        return source, lines
-
-    yield make
-    for source in sources:
-        source.close()
-
-
-def until_finished(source):
-    """All that it gives until it ends."""
-    sightings, problems = [], []
-    until_s = time.monotonic() + FOREVER_S
-    while time.monotonic() < until_s:
-        finished = source.finished
-        arrived = source.poll()
-        sightings += arrived.sightings
-        problems += arrived.problems
-        if finished:
-            return sightings, problems
-        time.sleep(0.005)
-    raise AssertionError("it never ended")
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_camera", "real_time")
-def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture(opened):
-    source, lines = opened("portrait_camera:Portrait", fov_deg=50, latency_ms=400)
-    sightings, problems = until_finished(source)
-    assert problems == []
+def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture_until_it_breaks():
+    lines, sightings, problems = [], [], []
+    options = CameraOptions(latency_ms=400)
+    source = CameraSource("portrait_camera:Broken", options, RealClock(), lines.append)
+    until_s, finished = time.monotonic() + FOREVER_S, False
+    with closing(source):
+        source.open()
+        while not finished:
+            assert time.monotonic() < until_s
+            finished = source.finished
+            arrived = source.poll()
+            sightings += arrived.sightings
+            problems += arrived.problems
+            time.sleep(0.005)
+    assert problems == ["the process of the camera ended: OSError: the cable was pulled"]
     assert len(sightings) > 10
     captured_s = np.array([s.observation.capture_time_s for s in sightings])
     assert np.all(np.diff(captured_s) > 0.04)
@@ -138,7 +120,7 @@ def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture(opened):
     assert 0.45 < min(s.arrival_s - s.observation.capture_time_s for s in sightings) < 2.0
     # A busy machine may pause for longer than a name is kept.
     assert sightings[0].observation.person_id == "1"
-    assert "512 x 384 pixels, 50 degrees across" in lines[0]
+    assert "512 x 384 pixels, 65 degrees across ASSUMED" in lines[0]
 
 
 @pytest.mark.slow
@@ -153,15 +135,6 @@ def test_attend_chooses_among_the_faces_of_a_camera(tmp_path):
     assert {"person_entered", "attention_switched"} <= set(log.event_name)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("own_camera", "real_time")
-def test_a_camera_that_breaks_ends_the_source_and_says_why(opened):
-    source, lines = opened("portrait_camera:Broken")
-    assert "65 degrees across ASSUMED" in lines[0]
-    _, problems = until_finished(source)
-    assert problems == ["the process of the camera ended: OSError: the cable was pulled"]
-
-
 @pytest.mark.usefixtures("own_camera")
 def test_pictures_of_another_shape_are_refused():
     address, options = "portrait_camera:Grey", CameraOptions()
@@ -173,9 +146,9 @@ def test_pictures_of_another_shape_are_refused():
 @pytest.mark.parametrize(
     ("address", "complaint"),
     [
-        ("portrait_camera:Blind", "lacks the method read"),
-        ("there_is_none.mp4", "OpenCV cannot open it; accepted: a number"),
-        ("portrait_camera.py", "cannot read this file; needed is a video"),
+        ("portrait_camera:Blind", "method read"),
+        ("there_is_none.mp4", "OpenCV"),
+        ("portrait_camera.py", "video"),
     ],
 )
 def test_what_is_no_camera_is_refused(address, complaint):
@@ -185,9 +158,7 @@ def test_what_is_no_camera_is_refused(address, complaint):
 
 @pytest.mark.slow
 def test_a_network_camera_that_was_gone_is_opened_again():
-    server = PictureServer()
-    camera = Camera(server.url, CameraOptions())
-    try:
+    with closing(PictureServer()) as server, closing(Camera(server.url, CameraOptions())) as camera:
         assert isinstance(camera.read(), Picture)
         server.hang_up()
         until_s = time.monotonic() + FOREVER_S
@@ -195,9 +166,6 @@ def test_a_network_camera_that_was_gone_is_opened_again():
             assert time.monotonic() < until_s
         while not isinstance(camera.read(), Picture):
             assert time.monotonic() < until_s
-    finally:
-        camera.close()
-        server.close()
 
 
 @pytest.mark.slow
@@ -205,7 +173,7 @@ def test_a_network_camera_that_was_gone_is_opened_again():
 def test_a_video_is_played_at_its_own_pace_and_the_program_uses_it(tmp_path):
     """The whole program on a video of a rendered person: directions are those of the rendering."""
     person_at = across(2.0, 4.0)
-    film(tmp_path / "walk.mp4", person_at, 4.0)
+    film(tmp_path / "walk.mp4", person_at, 3.0)
     command = [sys.executable, "-m", "gazempc.live", "--source", "camera:walk.mp4", "--camera.fov-deg", "60"]
     command += [*PATIENT, "--no-figures", "--out", "out"]
     for _ in range(4):  # a busy machine may still start while the video plays
@@ -257,15 +225,8 @@ def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
     )
     process_id = int(done.stdout)
     until_s = time.monotonic() + FOREVER_S
-    while alive(process_id):
-        assert time.monotonic() < until_s
-        time.sleep(0.02)
-
-
-def alive(process_id):
-    """Whether a process runs; one that nobody has waited for yet does not."""
-    try:
-        state = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state != "Z"
+    with contextlib.suppress(OSError):  # it has gone
+        # A zombie has ended.
+        while Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            assert time.monotonic() < until_s
+            time.sleep(0.02)

@@ -1,6 +1,7 @@
 """Streams of network cameras that stand still or fall behind."""
 
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ def test_the_lag_is_that_behind_the_fastest_picture_of_a_minute() -> None:
     assert watch.lag_s(110.0 + 10.0, 20.0 + 2.0) == pytest.approx(2.0, abs=0.05)
     # A camera's clock that is slow by 100 ppm is no lag, however long the run.
     watch = StreamWatch()
-    assert max(watch.lag_s(0.9999 * t, t) for t in np.arange(0.0, 3600.0, 0.5)) < 0.01
+    assert max(watch.lag_s(0.9999 * t, t) for t in np.arange(0.0, 3600.0, 2.0)) < 0.01
 
 
 class Falling:
@@ -65,8 +66,7 @@ def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeyp
     falling = Falling()
     monkeypatch.setattr(cv2, "VideoCapture", falling)
     monkeypatch.setenv("CAMERA_PASSWORD", "correct-horse")
-    camera = Camera("rtsp://me:$CAMERA_PASSWORD@camera/stream", CameraOptions())
-    try:
+    with closing(Camera("rtsp://me:$CAMERA_PASSWORD@camera/stream", CameraOptions())) as camera:
         until_s, ages_s = time.monotonic() + 60.0, []
         while isinstance(found := camera.read(), Picture):
             ages_s.append(time.monotonic() - found.captured_s)
@@ -79,8 +79,6 @@ def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeyp
         while not isinstance(camera.read(), Picture):
             assert time.monotonic() < until_s
         assert falling.opened >= 2
-    finally:
-        camera.close()
 
 
 class Frozen(Falling):
@@ -94,7 +92,7 @@ class Silent(Falling):
     """No picture for some seconds after the tenth, then again."""
 
     def grab(self) -> bool:
-        time.sleep(3.0 if self._count == 10 else 0.0)
+        time.sleep(2.2 if self._count == 10 else 0.0)
         return super().grab()
 
 
@@ -102,8 +100,7 @@ class Silent(Falling):
 @pytest.mark.parametrize(("stream", "why"), [(Frozen, "one picture for 1 s"), (Silent, "no picture for 2 s")])
 def test_a_stream_that_freezes_or_falls_silent_is_one_event_and_no_picture(monkeypatch, stream, why) -> None:
     monkeypatch.setattr(cv2, "VideoCapture", stream())
-    camera = Camera("http://camera/stream", CameraOptions())
-    try:
+    with closing(Camera("http://camera/stream", CameraOptions())) as camera:
         until_s = time.monotonic() + 60.0
         while isinstance(found := camera.read(), Picture):
             assert time.monotonic() < until_s
@@ -112,5 +109,3 @@ def test_a_stream_that_freezes_or_falls_silent_is_one_event_and_no_picture(monke
         assert why in found.text
         if stream is Silent:
             assert isinstance(camera.read(), Picture)
-    finally:
-        camera.close()

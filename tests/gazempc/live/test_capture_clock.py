@@ -37,23 +37,22 @@ def monotonic(per_s=1.0):
 
 
 WRONG = {
-    "milliseconds": (unix(per_s=1e3), "Unix time in milliseconds", "--stamps.unit ms"),
-    "monotonic": (monotonic(), "monotonic clock", "--stamps.clock monotonic"),
-    "behind": (unix(-37.3), "another clock, 37.3 s behind", "--stamps.clock other"),
-    "milliseconds of another clock": (unix(-37.3, 1e3), "in milliseconds", "--stamps.clock other --stamps.unit ms"),
-    "simulated time": (20.0 + 0.3 * ARRIVALS_S, "advance by 0.3", "--stamps.clock arrival"),
+    "milliseconds": (unix(per_s=1e3), "--stamps.unit ms"),
+    "monotonic": (monotonic(), "--stamps.clock monotonic"),
+    "behind": (unix(-37.3), "--stamps.clock other"),
+    "milliseconds of another clock": (unix(-37.3, 1e3), "--stamps.clock other --stamps.unit ms"),
+    "simulated time": (20.0 + 0.3 * ARRIVALS_S, "--stamps.clock arrival"),
     # A whole second passes in the middle of them, whenever the test runs.
-    "whole seconds": (np.floor(unix(-(unix()[14] % 1.0))), "whole seconds", "--stamps.clock arrival"),
-    "standing": (np.full(28, unix()[0]), "the same capture time", "--stamps.clock arrival"),
-    "slow": (unix(-0.76), "0.80 s after capture", "--stamps.clock other"),
+    "whole seconds": (np.floor(unix(-(unix()[14] % 1.0))), "--stamps.clock arrival"),
+    "standing": (np.full(28, unix()[0]), "--stamps.clock arrival"),
+    "slow": (unix(-0.76), "--stamps.clock other"),
 }
 
 
-@pytest.mark.parametrize(("stamps", "looks", "mend"), WRONG.values(), ids=WRONG.keys())
-def test_wrong_stamps_are_named_and_the_option_mends_them(stamps, looks, mend):
+@pytest.mark.parametrize(("stamps", "mend"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_stamps_are_named_and_the_option_mends_them(stamps, mend):
     event, text = judged(stamps)
     assert event == "wrong_clock"
-    assert looks in text
     assert text.endswith(mend) or f"{mend}," in text
     options = dict(re.findall(r"--stamps\.(clock|unit) (\w+)", text))
     mended = Stamps(**options)
@@ -73,9 +72,7 @@ def test_right_stamps_are_not_complained_of(settings):
 
 def test_the_words_are_those_of_python_or_of_a_source_of_one_s_own():
     assert 'clock="other"' in judged(unix(-37.3), hints=SetupHints(python=True))[1]
-    frames = [Frame(at_s, UNIX_S + at_s, HEAD, HEAD, None) for at_s in ARRIVALS_S]
-    own = judge_stamps(frames, 0.5, None, CLOCK, SetupHints(own_source=True))
-    assert "clock.from_unix_s" in own.text
-    frames = [Frame(at_s, at_s - 3.0, HEAD, HEAD, None) for at_s in ARRIVALS_S]
-    simulated = judge_stamps(frames, 0.5, None, SimulatedClock(), SetupHints(own_source=True))
-    assert "3 s behind" in simulated.text
+    hints = SetupHints(own_source=True)
+    for clock, off_s, named in ((CLOCK, UNIX_S, "clock.from_unix_s"), (SimulatedClock(), -3.0, "3 s behind")):
+        frames = [Frame(at_s, off_s + at_s, HEAD, HEAD, None) for at_s in ARRIVALS_S]
+        assert named in judge_stamps(frames, 0.5, None, clock, hints).text

@@ -26,7 +26,7 @@ KINDS = (
 @settings(max_examples=10)
 @given(
     faults=st.lists(
-        st.tuples(st.sampled_from(KINDS), st.floats(0.0, 2.8), st.floats(0.01, 1.5)), min_size=1, max_size=6
+        st.tuples(st.sampled_from(KINDS), st.floats(0.0, 1.8), st.floats(0.01, 1.0)), min_size=1, max_size=6
     )
 )
 def test_any_sequence_of_faults_is_survived_within_limits(faults):
@@ -83,7 +83,7 @@ def test_any_sequence_of_faults_is_survived_within_limits(faults):
         controller=Controller(NECK),
         predictor=Predictor(),
         planner=lambda controller: Late(controller, clock, lambda now: 0.1 if on("late plan", now) else 0.0),
-        duration_s=3.0,
+        duration_s=2.0,
     )
     received = np.array([p for _, p in result.robot.received])
     breaks = sorted({k for k in silent if k < len(received)})

@@ -1,7 +1,6 @@
 """A predictor in a process of its own: the same forecasts, its exceptions here, and its end with the run."""
 
 import gc
-import json
 import multiprocessing
 import sys
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from gazempc.live.isolated import IsolatedPredictor
-from gazempc.live.session import main
 from predictors import ConstantVelocity, HeadObservation, OutOfOrderError
 
 
@@ -48,13 +46,3 @@ def test_it_forecasts_and_raises_as_it_does_here_and_its_process_ends_with_it():
     gc.collect()  # exceptions hold what raised them
     process.join(20.0)
     assert not process.is_alive()
-
-
-@pytest.mark.slow
-def test_a_run_with_it(tmp_path):
-    words = ["--source", "replay", "--robot", "simulated", "--isolate", "predictor", "--duration-s", "2"]
-    words += ["--controller", "lookahead", "--log", "npz"]
-    assert main([*words, "--no-figures", "--out", str(tmp_path)]) == 0
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["used"] > 0
-    assert "forecast_failed" not in summary["events"]

@@ -6,7 +6,6 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from builders.checks import assert_sound, assert_within_limits
 from builders.faults import answers_badly
 from builders.live import NECK, Faulty, run_live
 from builders.robots import Spied
@@ -23,15 +22,7 @@ from gazempc.sim.simulated import SimulatedNeck
 START_RAD = np.array([0.5, -0.1])
 
 
-def test_the_first_command_is_where_the_joints_stand():
-    result = run_live(change=lambda now, s: [], start_rad=START_RAD, duration_s=0.5)
-    assert_sound(result, START_RAD)
-    assert np.array_equal(result.robot.received[0][1], START_RAD)
-    assert np.allclose(result.joined("command_position_rad"), START_RAD, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", [TimeoutError, "none", "nan", "three joints"])
-@pytest.mark.parametrize("until_s", [0.3, 1.5])
+@pytest.mark.parametrize(("kind", "until_s"), [(TimeoutError, 1.5), ("none", 0.3), ("nan", 1.5), ("three joints", 0.3)])
 def test_joints_that_cannot_be_read_at_first_are_waited_for_or_given_up_but_nothing_jumps(kind, until_s):
     """A command at rest straight ahead would be a jump; a robot that never answers may be refused."""
 
@@ -39,13 +30,13 @@ def test_joints_that_cannot_be_read_at_first_are_waited_for_or_given_up_but_noth
         return answers_badly(kind, state) if now_s < until_s else state
 
     try:
-        result = run_live(on_read=on_read, change=lambda now, s: [], start_rad=START_RAD, duration_s=2.5)
+        result = run_live(on_read=on_read, change=lambda now, s: [], start_rad=START_RAD, duration_s=0.5)
     except RobotError as error:
         result = error.result
         assert until_s > 1.0
         assert result.robot.calls == ["connect", "close"]
-    if result.robot.received:
-        assert_within_limits(np.array([p for _, p in result.robot.received]), START_RAD)
+    # The first command is where the joints stand.
+    assert all(np.allclose(position_rad, START_RAD, atol=1e-12) for _, position_rad in result.robot.received)
 
 
 def test_told_to_stop_before_it_began_the_neck_does_not_jump():

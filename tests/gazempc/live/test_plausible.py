@@ -1,11 +1,10 @@
 """Heads that cannot be are refused; what people and trackers do is not."""
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
-from builders.checks import assert_recovered, assert_sound
+from builders.checks import assert_sound
 from builders.faults import between
 from builders.live import run_live
 
@@ -22,21 +21,10 @@ def refused(heads_m, frame_s=FRAME_S, names=None):
 
 
 @pytest.mark.parametrize(
-    ("head_m", "why"),
-    [
-        ([0.0, 0.0, 0.0], "nearer than 0.2 m"),
-        ([0.1, 0.1, 0.1], "0.17 m from the neck"),
-        ([1e9, 0.0, 0.0], "1000000000 m away: at most 30 m"),
-        ([20.0, 23.0, 0.0], "at most 30 m"),
-        ([3.0, 0.0, 3.1], "3.1 m above the pan axis"),
-        ([3.0, 0.0, -3.1], "under the floor"),
-    ],
+    "head_m", [[0.0, 0.0, 0.0], [0.1, 0.1, 0.1], [1e9, 0.0, 0.0], [20.0, 23.0, 0.0], [3.0, 0.0, 3.1], [3.0, 0.0, -3.1]]
 )
-def test_a_head_that_is_nowhere_is_refused_by_name(head_m, why):
-    judge = Plausibility()
-    assert judge.refusal(0.0, np.array([3.0, 0.0, 2.9]), None) == ""
-    assert re.search(why, judge.refusal(0.1, np.array(head_m), None))
-    assert judge.refusal(0.2, np.array([0.21, 0.0, 0.0]), None) == ""
+def test_a_head_that_is_nowhere_is_refused(head_m):
+    assert refused([[3.0, 0.0, 2.9], head_m, [0.21, 0.0, 0.0]]) == [False, True, False]
 
 
 @pytest.mark.parametrize("rate_hz", [10, 200])
@@ -65,34 +53,23 @@ def test_what_trackers_do_is_no_flight():
     assert sum(refused(people)) < 3
 
 
-def test_heads_that_cannot_be_are_counted_by_name_and_the_neck_stays_on_the_person():
-    spoilt = between(2.0, 2.5)
+def test_refused_heads_are_counted_by_name_and_limit_the_speed_while_one_is_near():
+    far_s, near_s, speed_rad_s = between(0.4, 0.9), between(1.5, 2.5), 0.1
 
-    def far(now_s, sighting):
-        if not spoilt(now_s):
-            return [sighting]
-        seen = dataclasses.replace(sighting.observation, head_position_base_m=np.array([1e9, 0.0, 0.0]))
-        return [dataclasses.replace(sighting, observation=seen)]
-
-    result = run_live(change=far)
-    assert_sound(result)
-    assert result.refused["implausible_person"] >= 14
-    assert result.report.observations == result.used + sum(result.refused.values())
-    assert any("at most 30 m" in text for text in result.report.warnings)
-    assert np.linalg.norm(result.joined("head_observed_base_m"), axis=1).max() < 20.0
-    assert_recovered(result, 2.5 + 1.2)
-
-
-def test_a_refused_head_limits_the_speed_while_it_is_near():
-    near_s, speed_rad_s = between(1.5, 2.5), 0.1
+    def at(sighting, head_m):
+        seen = dataclasses.replace(sighting.observation, head_position_base_m=np.array(head_m))
+        return dataclasses.replace(sighting, observation=seen)
 
     def passing(now_s, sighting):
-        close = dataclasses.replace(sighting.observation, head_position_base_m=np.array([0.15, 0.0, 0.0]))
-        return [sighting, dataclasses.replace(sighting, observation=close)] if near_s(now_s) else [sighting]
+        if far_s(now_s):
+            return [at(sighting, [1e9, 0.0, 0.0])]
+        return [sighting, at(sighting, [0.15, 0.0, 0.0])] if near_s(now_s) else [sighting]
 
-    result = run_live(change=passing, loop=LoopSettings(near_speed_max=(0.8, speed_rad_s)))
+    result = run_live(change=passing, loop=LoopSettings(near_speed_max=(0.8, speed_rad_s)), duration_s=4.4)
     assert_sound(result)
-    assert result.refused["implausible_person"] >= 29
+    assert result.refused["implausible_person"] >= 14 + 29
+    assert any("at most 30 m" in text for text in result.report.warnings)
+    assert np.linalg.norm(result.joined("head_observed_base_m"), axis=1).max() < 20.0
     now_s = result.joined("time_s")
     fastest_rad_s = np.abs(result.joined("command_velocity_rad_s")).max(axis=1)
     # Braking takes 0.3 s; the limit holds for `lost_after_s` after the last sighting.

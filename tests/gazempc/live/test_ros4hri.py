@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, Stage, polled, text, tracked, transform, wait_for
+from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, polled, text, tracked, transform, wait_for
 from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros4hri import Ros4HriPeople
@@ -12,13 +12,6 @@ from gazempc.robots.options import Ros2Options
 BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("bodies", "persons"))
 # x of a face against the camera's z.
 FACING = (0.5, 0.5, 0.5, -0.5)
-
-
-@pytest.fixture
-def stage():
-    made = Stage()
-    yield made
-    made.close()
 
 
 def opened(stage, base_frame=None):
@@ -78,18 +71,6 @@ def test_a_camera_on_a_head_that_turns(stage):
     np.testing.assert_allclose(facing, turn.apply([-1.0, 0.0, 0.0]), atol=1e-5)
 
 
-def test_a_face_whose_way_to_the_base_is_not_known_is_a_problem_with_its_frames(stage):
-    source = opened(stage, "base_link")
-    stage.tf(
-        transform("camera_link", [0.0, 0.0, 1.0], frame_id="base_link", at_s=NOW_S - 0.35),
-        transform("face_a", [1.0, 0.0, 0.0]),
-    )
-    wait_for(lambda: source.poll() is not None and source._tf.transforms.has("face_a"))
-    stage.now_s += 0.25
-    _, (problem,) = polled(source, 1)
-    assert all(name in problem for name in ("/tf, face_a: ", "'camera_link'", "'base_link'", "0.25 s"))
-
-
 def test_a_person_has_one_name_whatever_face_they_have(stage):
     source, ids = opened(stage), lambda face: source._ids.person("face", face)
     heard(source, stage, PERSONS, IDS, tracked("anna"), lambda: not source._ids._is_listed("person", "bob"))
@@ -132,39 +113,35 @@ def test_a_body_counts_where_there_is_no_face(stage):
 
 def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
     source = opened(stage)
-    no_place = "its position is no place on earth, or its quaternion not of unit length"
-    wrong = {
-        "face_a": (transform("face_a", [np.nan, 0.0, 0.0]), no_place),
-        "face_b": (transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0), "its time stamp is -60.0 s from"),
-        "face_c": (transform("face_c", [1.0, 0.0, 0.0], at_s=None), "its header has no time stamp"),
-        "face_d": (transform("face_d", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)), no_place),
-        "face_f": (transform("face_f", [1.0, 1e300, 0.0]), no_place),
-        "face_g": (transform("face_g", [1.0, 0.0, 0.0], (1e300, 0.0, 0.0, 0.0)), no_place),
-        "": (transform("", [1.0, 0.0, 0.0]), "its frame is '' in 'camera_link'"),
-    }
-    stage.tf(*(message for message, _ in wrong.values()), transform("face_e", [0.0, 0.0, 0.0]))
-    seen, problems = polled(source, 8)
-    said = "\n".join(problems)
-    assert all(f"/tf, {name}: {why}" in said for name, (_, why) in wrong.items())
-    # That nobody can be at the sensor itself is found where all observations are.
+    stage.tf(
+        transform("face_a", [np.nan, 0.0, 0.0]),
+        transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0),
+        transform("face_c", [1.0, 0.0, 0.0], at_s=None),
+        transform("face_d", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)),
+        transform("face_f", [1.0, 1e300, 0.0]),
+        transform("face_g", [1.0, 0.0, 0.0], (1e300, 0.0, 0.0, 0.0)),
+        transform("face_e", [0.0, 0.0, 0.0]),
+    )
+    seen, problems = polled(source, 7)
+    assert sorted(text.split(":")[0] for text in problems) == [f"/tf, face_{name}" for name in "abcdfg"]
+    # That a head cannot be at the sensor itself is found where all observations are.
     assert names(seen) == ["e"]
 
 
 def test_that_nobody_sends_is_said_once_and_again_when_the_sender_has_gone(stage):
     source = opened(stage)
     assert source.poll().notices == ()
-    stage.now_s += 3.1
-    (notice,) = source.poll().notices
-    assert (notice.event, notice.count) == (Event.NO_SENDER, 0)
-    assert "no node sends on /tf as tf2_msgs/msg/TFMessage: is" in notice.text
-    stage.announced("/tf", TF)
-    stage.now_s += 3.1
-    assert source.poll().notices == ()
-    stage.gone("/tf")
-    stage.now_s += 3.1
-    assert len(source.poll().notices) == 1
-    stage.now_s += 3.1
-    assert source.poll().notices == ()
+
+    def noticed():
+        stage.now_s += 3.1
+        return [(notice.event, notice.count) for notice in source.poll().notices]
+
+    for _ in range(2):
+        assert noticed() == [(Event.NO_SENDER, 0)]
+        assert noticed() == []
+        stage.announced("/tf", TF)
+        assert noticed() == []
+        stage.gone("/tf")
 
 
 def test_a_skeleton_with_a_head_is_where_its_head_is(stage):

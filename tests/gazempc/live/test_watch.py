@@ -1,12 +1,7 @@
 """What arrives is watched: wrong unit, axes, rate and names are findings, good data are not."""
 
-import dataclasses
-import re
-
 import numpy as np
 import pytest
-from builders.checks import assert_same_commands, assert_sound
-from builders.live import run_live
 
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.mount import Mount
@@ -33,20 +28,12 @@ def judged_place(sent, mount=None, names=None, times_s=TIMES_S):
     return [(str(event), text) for event, text in judge_place(frames, times_s, mount, SetupHints())]
 
 
-UNITS = {
-    "millimetres": (1e3 * WALK_M, "millimetres", 0.001),
-    "centimetres": (1e2 * WALK_M, "centimetres", 0.01),
-    "inches": (WALK_M / 0.0254, "inches", 0.0254),
-    "thousandths": (WALK_M / 1e3, "a thousandth of metres", 1000.0),
-}
-
-
-@pytest.mark.parametrize(("sent", "looks", "unit_m"), UNITS.values(), ids=UNITS.keys())
-def test_a_wrong_unit_is_named_and_the_option_mends_it(sent, looks, unit_m):
+@pytest.mark.parametrize("unit_m", [0.001, 0.01, 0.0254, 1000.0])
+def test_a_wrong_unit_is_named_and_the_option_mends_it(unit_m):
+    sent = WALK_M / unit_m
     ((event, text),) = judged_place(sent)
     assert event == "wrong_unit"
-    assert looks in text
-    assert f"--mount.unit-m {unit_m:g}" in text.replace("1000.0", "1000")
+    assert f"--mount.unit-m {unit_m}" in text
     assert judged_place(sent, Mount(unit_m=unit_m)) == []
 
 
@@ -70,23 +57,20 @@ def test_wrong_axes_are_named_and_the_option_mends_them(axes, sent):
 
 
 def test_somebody_too_high_too_far_or_too_fast():
-    ((event, text),) = judged_place(WALK_M, Mount(position_m=(0.0, 0.0, 3.0)))
-    assert event == "implausible_person"
-    assert "3.4 m above" in text
-    assert "--mount.position-m" in text
-    assert [event for event, _ in judged_place(np.add(WALK_M, (22000.0, 0, 0)))] == ["implausible_person"]
-    ((event, text),) = judged_place(WALK_M * [1.0, 8.0, 1.0])
-    assert event == "implausible_person"
-    assert re.search(r"moves at 9\.\d m/s", text)
-
-
-def test_two_people_in_turn_are_too_fast_for_one_unless_they_have_names():
-    two = WALK_M + np.column_stack([np.zeros(28), 2.5 * (np.arange(28) % 3 == 0), np.zeros(28)])
+    # Seven frames here, seven frames there: two people without names.
+    in_turn_m = np.where(np.arange(28)[:, None] // 7 % 2, WALK_M, np.add(WALK_M, (0, 3.0, 0)))
+    for sent, mount, named in (
+        (WALK_M, Mount(position_m=(0.0, 0.0, 3.0)), "--mount.position-m"),
+        (np.add(WALK_M, (22000.0, 0, 0)), None, "22002 m"),
+        (WALK_M * [1.0, 8.0, 1.0], None, " m/s"),
+        (in_turn_m, None, "person_id"),
+    ):
+        ((event, text),) = judged_place(sent, mount)
+        assert event == "implausible_person"
+        assert named in text
     assert judged_place(WALK_M) == []
-    ((event, text),) = judged_place(np.where(np.arange(28)[:, None] // 7 % 2, WALK_M, np.add(WALK_M, (0, 3.0, 0))))
-    assert event == "implausible_person"
-    assert "person_id" in text
-    assert judged_place(two, names=["a" if k % 3 == 0 else "b" for k in range(28)]) == []
+    two_m = WALK_M + np.column_stack([np.zeros(28), 2.5 * (np.arange(28) % 3 == 0), np.zeros(28)])
+    assert judged_place(two_m, names=["a" if k % 3 == 0 else "b" for k in range(28)]) == []
 
 
 HEAD = np.array([2.0, 0.0, 0.4])
@@ -96,62 +80,29 @@ def named(names):
     return [Frame(0.03 * k, 0.03 * k, HEAD, HEAD, name) for k, name in enumerate(names)]
 
 
-@pytest.mark.parametrize(("rate_hz", "said"), [(30.0, ""), (6.5, ""), (5.0, "5.0 frames"), (0.8, "0.8 frames")])
-def test_rare_frames_are_told_from_the_median_of_their_intervals(rate_hz, said):
+@pytest.mark.parametrize(("rate_hz", "named"), [(30.0, ""), (6.5, ""), (5.0, "5.0"), (0.8, "--loop.lost-after-s")])
+def test_rare_frames_are_told_from_the_median_of_their_intervals(rate_hz, named):
     found = judge_rate(np.arange(0.0, 4.0, 1.0 / rate_hz), 1.0, SetupHints())
-    assert [said] * bool(said) == [each.text[: len(said)] for each in found]
+    assert [named in each.text for each in found] == [True] * bool(named)
     # Each person of a frame has its time; a gap is no rate.
     twice = np.repeat(np.arange(0.0, 1.0, 1.0 / 30.0), 2)
     assert judge_rate(np.append(twice, [3.0, 3.03]), 1.0, SetupHints()) == []
-    if rate_hz < 1.0:
-        assert "--loop.lost-after-s 3.1" in found[0].text
 
 
-@pytest.mark.parametrize(
-    ("times_s", "cause"),
-    [
-        (np.arange(0.0, 4.0, 0.25), "camera or its computation is slow"),
-        (np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]])), "the person is rarely found"),
-    ],
-)
-def test_a_slow_tracker_and_a_person_who_is_rarely_found_are_told_apart(times_s, cause):
-    (finding,) = judge_rate(times_s, 1.0, SetupHints())
-    assert cause in finding.text
+def test_a_slow_tracker_and_a_person_who_is_rarely_found_are_told_apart():
+    every_250_ms = np.arange(0.0, 4.0, 0.25)
+    rare_s = np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]]))
+    for times_s, cause in ((every_250_ms, "camera"), (rare_s, "rarely found")):
+        (finding,) = judge_rate(times_s, 1.0, SetupHints())
+        assert cause in finding.text
 
 
 def test_a_name_for_each_frame_is_no_name():
     (found,) = judge_ids(named(map(str, range(10))), SetupHints())
     assert found.event == "new_id_each_frame"
     assert "--no-use-ids" in found.text
-    assert judge_ids(named(["a"] * 10), SetupHints()) == []
-    assert judge_ids(named(["a", "b"] * 5), SetupHints()) == []
-    assert judge_ids(named([None] * 10), SetupHints()) == []
-
-
-def changed(sighting, **fields):
-    return dataclasses.replace(sighting, observation=dataclasses.replace(sighting.observation, **fields))
-
-
-def optical_mm(now_s, sighting):
-    x, y, z = sighting.observation.head_position_base_m
-    turned = {"head_quat_wxyz": None, "pelvis_quat_wxyz": None}
-    return [changed(sighting, head_position_base_m=1e3 * np.array([-y, -z, x]), **turned)]
-
-
-def test_within_a_second_of_data_it_is_an_event_and_a_warning_and_the_options_give_the_right_gaze():
-    wrong = run_live(change=optical_mm, duration_s=3.0)
-    assert_sound(wrong)
-    (said_s,) = wrong.event_s("wrong_unit")
-    assert said_s < 1.2
-    refused, text = wrong.report.warnings
-    assert refused.startswith("implausible_person: ")
-    assert text.startswith("wrong_unit: ")
-    assert wrong.used == 0
-    mended = run_live(change=optical_mm, duration_s=3.0, mount=Mount(unit_m=0.001, axes="optical"))
-    assert_sound(mended)
-    assert mended.events == {"no_observation_yet"}
-    assert mended.report.warnings == []
-    assert_same_commands(mended, within_rad=1e-9)
+    for names in (["a"] * 10, ["a", "b"] * 5, [None] * 10):
+        assert judge_ids(named(names), SetupHints()) == []
 
 
 def frames(*people_m, seconds=2.0, name=lambda k, i: None):
@@ -179,22 +130,12 @@ def test_a_wrong_unit_and_new_names_are_noticed_among_several_who_need_no_names(
     assert said(frames(LEFT, RIGHT, name=lambda k, i: f"{2 * k + i}")) == ["new_id_each_frame"]
 
 
-def found_in(sightings):
-    """What is said, and how long after the first frame."""
-    watch, said = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints()), []
-    for sighting in sightings:
-        seen = sighting.observation
-        said += [(sighting.arrival_s - sightings[0].arrival_s, *each) for each in watch.findings(sighting.arrival_s)]
-        head = seen.head_position_base_m
-        watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head, head, seen.person_id))
-    return said
-
-
-def seen(walk, sensor="reference", seed=0):
-    scene = make_scene(walk, SceneSettings(sensor=sensor))
-    return observe(scene.walk, scene.sensor, seed)
-
-
 @pytest.mark.parametrize("sensor", sensor_names())
 def test_good_data_are_not_complained_of(sensor):
-    assert found_in(seen("subject01_R1", sensor)) == []
+    scene = make_scene("subject01_R1", SceneSettings(sensor=sensor))
+    watch = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints())
+    for sighting in observe(scene.walk, scene.sensor, 0):
+        seen = sighting.observation
+        assert list(watch.findings(sighting.arrival_s)) == []
+        head_m = seen.head_position_base_m
+        watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head_m, head_m, seen.person_id))

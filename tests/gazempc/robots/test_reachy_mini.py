@@ -8,6 +8,7 @@ import socket
 import subprocess
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -123,33 +124,42 @@ def test_clamped_poses_are_reached_by_the_daemons_kinematics(tilt_deg, pan_deg):
 # ---------------------------------------------------------------- commands
 
 
-def test_the_message_is_the_one_that_the_daemon_followed(server, make):
+def test_the_message_is_the_one_that_the_daemon_followed_and_the_last_is_sent_before_closing(server, make):
     """Commands of the recording, made there by other code: the daemon's head went left and up."""
     neck = make()
     for _, message in recorded("sent", "set_full_target")[::10]:
         asked = head_angles(np.array(message["head"]).reshape(4, 4))
         np.testing.assert_allclose(neck.send_command(asked), asked, atol=1e-12)
-        got = until(lambda: server.received[-1] if server.received else None)
-        until(lambda m=message: server.received and np.allclose(server.received[-1]["head"], m["head"], atol=1e-9))
+        until(lambda m=message: bool(server.received) and np.allclose(server.received[-1]["head"], m["head"]))
+        got = server.received[-1]
         assert set(got) == set(message)
         assert (got["type"], got["body_yaw"]) == (message["type"], message["body_yaw"])
+    neck.send_command(np.array([0.25, 0.0]))
+    neck.close()
+    np.testing.assert_allclose(head_angles(head_of(server.commands()[-1])), [0.25, 0.0], atol=1e-9)
+
+
+def head_of(message):
+    return np.array(message["head"]).reshape(4, 4)
 
 
 @pytest.mark.parametrize(
     ("neck", "asked_deg", "sent_deg"),
     [
-        (NECK, (100, 0), (60, 0)),
         (NECK, (-100, 90), (-60, 35)),
         (WIDE, (-100, -40), (-38, -40)),
         (WIDE, (10, 80), (10, 40)),
+        (BODY, (70, 10, 170), (60, 10, 160)),
     ],
 )
 def test_commands_are_clamped_to_the_neck_and_to_the_head(server, make, neck, asked_deg, sent_deg):
+    """The daemon's head pose is in a frame that does not turn: its yaw is that of body and head together."""
     sent = make(neck).send_command(np.deg2rad(asked_deg))
     np.testing.assert_allclose(np.rad2deg(sent), sent_deg, atol=1e-9)
-    head = np.array(server.commands()[-1]["head"]).reshape(4, 4)
-    expected = Rotation.from_euler("ZYX", [sent_deg[0], -sent_deg[1], 0], degrees=True).as_matrix()
-    np.testing.assert_allclose(head[:3, :3], expected, atol=1e-9)
+    message, (pan_deg, tilt_deg, body_deg) = server.commands()[-1], (*sent_deg, 0)[:3]
+    assert message["body_yaw"] == pytest.approx(math.radians(body_deg))
+    expected = Rotation.from_euler("ZYX", [pan_deg + body_deg, -tilt_deg, 0], degrees=True).as_matrix()
+    np.testing.assert_allclose(head_of(message)[:3, :3], expected, atol=1e-9)
 
 
 def test_the_first_commands_approach_from_where_the_head_is(server, make):
@@ -163,18 +173,6 @@ def test_the_first_commands_approach_from_where_the_head_is(server, make):
     np.testing.assert_array_equal(sent[-1], target)
     # Once there, the smoother alone shapes the motion.
     np.testing.assert_array_equal(neck.send_command(np.zeros(2)), [0.0, 0.0])
-
-
-def test_the_body_turns_and_takes_the_head_along(server, make):
-    """The daemon's head pose is in a frame that does not turn: its yaw is that of body and head together."""
-    sent = make(BODY).send_command(np.deg2rad([70.0, 10.0, 170.0]))
-    np.testing.assert_allclose(np.rad2deg(sent), [60.0, 10.0, 160.0], atol=1e-9)
-    message = server.commands()[-1]
-    assert message["body_yaw"] == pytest.approx(math.radians(160.0))
-    head = np.array(message["head"]).reshape(4, 4)
-    np.testing.assert_allclose(
-        head[:3, :3], Rotation.from_euler("ZYX", [220.0, -10.0, 0.0], degrees=True).as_matrix(), atol=1e-9
-    )
 
 
 # ---------------------------------------------------------------- state
@@ -196,13 +194,8 @@ def test_the_state_is_where_the_recorded_head_looked(server, make):
 
 def test_velocity_and_time_are_those_of_a_turning_head(server, make):
     neck, speed, began_s = make(), np.array([0.4, -0.2]), time.monotonic()
-
-    class Turning:
-        def values(self):
-            moved = np.rad2deg(speed * (time.monotonic() - began_s))
-            return [json.dumps(pose(*moved))]
-
-    server.frames = Turning()
+    turned = lambda: json.dumps(pose(*np.rad2deg(speed * (time.monotonic() - began_s))))  # noqa: E731
+    server.frames = SimpleNamespace(values=lambda: [turned()])
 
     def measured():
         state = neck.read_state()
@@ -214,16 +207,6 @@ def test_velocity_and_time_are_those_of_a_turning_head(server, make):
         return None
 
     until(measured, "velocity within 20 %", seconds=1.0 / 0.2)
-
-
-def test_a_stale_state_is_none(server, make, patient):
-    neck = make()
-    until(neck.read_state)
-    time.sleep(0.1)
-    server.silent = True
-    time.sleep(0.4)
-    # The last pose has not been read, but is too old.
-    assert neck.read_state() is None
 
 
 NO_POSES = ([1.0, 1.0, 1.0], [math.nan] * 4, [1.0, 1.0, -1.0, 1.0], [2.0, 2.0, 2.0, 1.0])
@@ -273,15 +256,18 @@ def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(se
     # It was away: it may stand anywhere, so it is approached anew; and nothing of before is sent late.
     assert sent[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
     assert until(neck.read_state) is not None
-    late = head_angles(np.array(server.commands()[before]["head"]).reshape(4, 4))
+    late = head_angles(head_of(server.commands()[before]))
     np.testing.assert_allclose(late, sent, atol=1e-9)
 
 
 @pytest.mark.slow
-def test_silence_is_an_error_and_it_comes_back(server, make):
+def test_silence_is_no_reading_then_an_error_and_it_comes_back(server, make):
     neck = make()
+    until(neck.read_state)
     server.silent = True
-    assert "no head_pose message for 1 s" in until(lambda: (m := refusal(neck)) and "head_pose" in m and m)
+    # The last pose is too old before its age is an error.
+    until(lambda: neck.read_state() is None)
+    until(lambda: (m := refusal(neck)) and "head_pose" in m)
     server.silent = False
     until(lambda: works(neck) is not None)
 
@@ -339,14 +325,16 @@ def test_a_robot_that_would_not_move_is_an_error_until_it_would(server, make, ch
     until(lambda: works(neck) is not None)
 
 
-def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make):
-    up = server.frames["head_pose"]
-    server.frames["head_pose"] = pose(0, -24, at_m=(-0.021, 0.001, -0.044))
-    with pytest.raises(RobotError, match="wake the robot first"):
-        make()
-    server.frames["head_pose"] = up
-    server.frames["joint_positions"] = server.frames["joint_positions"] | {"head_joint_positions": [0.5] + [0.6] * 6}
-    with pytest.raises(RobotError, match="body is turned by 29 deg"):
+@pytest.mark.parametrize(
+    ("kind", "frame", "what"),
+    [
+        ("head_pose", pose(0, -24, at_m=(-0.021, 0.001, -0.044)), "wake the robot"),
+        ("joint_positions", {"head_joint_positions": [0.5] + [0.6] * 6}, "body is turned by 29 deg"),
+    ],
+)
+def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make, kind, frame, what):
+    server.frames[kind] = server.frames[kind] | frame
+    with pytest.raises(RobotError, match=what):
         make()
     assert server.commands() == []
 
@@ -362,14 +350,6 @@ def test_a_neck_with_eyes_or_without_straight_ahead_is_refused(neck, match):
 def no_threads_left():
     ours = [t for t in threading.enumerate() if t.name.endswith(("(_listen)", "(_send)"))]
     return ours == []
-
-
-def test_the_last_command_before_closing_is_sent(server, make):
-    neck = make()
-    neck.send_command(np.array([0.25, 0.0]))
-    neck.close()
-    head = np.array(until(server.commands)[-1]["head"]).reshape(4, 4)
-    np.testing.assert_allclose(head_angles(head), [0.25, 0.0], atol=1e-9)
 
 
 # ---------------------------------------------------------------- the daemon itself

@@ -26,12 +26,12 @@ def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly():
 
 
 @pytest.mark.parametrize(
-    ("state", "said"),
+    ("state", "named"),
     [
-        ((0.0, [0.1, 0.2]), "read_state() returned tuple, needed is a gazempc.JointState, or None"),
-        (JointState(0.0, [0.1, 0.2], np.zeros(2)), "position_rad [0.1, 0.2], needed is an array of shape (2,)"),
-        (JointState(0.0, np.zeros(2), None), "velocity_rad_s None, needed is an array of shape (2,): pan, tilt"),
+        ((0.0, [0.1, 0.2]), "tuple"),
+        (JointState(0.0, [0.1, 0.2], np.zeros(2)), "position_rad"),
+        (JointState(0.0, np.zeros(2), None), "velocity_rad_s"),
     ],
 )
-def test_a_wrong_reading_is_named(state, said):
-    assert said in wrong_reading(state, NECK)
+def test_a_wrong_reading_is_named(state, named):
+    assert named in wrong_reading(state, NECK)

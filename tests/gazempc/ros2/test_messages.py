@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import pytest
 
 from gazempc.errors import GazempcError, SettingsError
-from gazempc.live import session
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import Ros2Node, message_type
 
@@ -39,11 +38,3 @@ def test_a_python_without_ros_is_told_how_to_source_it(without_ros):
         Ros2Node("node")
     with pytest.raises(GazempcError, match=r"ros-.ROS_DISTRO-std-msgs"):
         message_type("std_msgs/msg/String")
-
-
-@pytest.mark.slow
-def test_a_live_run_without_ros_is_refused(without_ros, tmp_path, capsys):
-    words = ["--source", "ros2:/person", "--robot", "simulated", "--out", str(tmp_path / "out")]
-    words += ["--controller", "lookahead", "--predictor", "constant_velocity", "--log", "npz"]
-    assert session.main(words) == 2
-    assert "Source the installation" in capsys.readouterr().err

@@ -15,7 +15,6 @@ from gazempc.loop.smoother import Smoother
 from gazempc.neck.spec import load_neck
 from gazempc.robots.options import Ros2Options
 from gazempc.robots.ros2 import Ros2Neck
-from gazempc.ros2.messages import Ros2Error
 from gazempc.ros2.node import Ros2Node, message_type
 
 rclpy = rclpy_or_skip()
@@ -261,26 +260,3 @@ def test_a_quality_of_service_that_does_not_fit_is_described(node):
     assert volatile.has_listeners is False
     plain = node.subscription("/list", STRING)
     assert wait_for(lambda: plain.senders) == ("/other",)
-
-
-def test_a_clock_of_a_simulation_that_jumps_back(node):
-    clock = node.publication("/clock", "rosgraph_msgs/msg/Clock")
-    simulated = Ros2Node("simulated", use_sim_time=True)
-    try:
-        with pytest.raises(Ros2Error, match="no message on /clock"):
-            simulated.unix_s(5.0)
-        for at_s in (100, 20):
-            message = message_type("rosgraph_msgs/msg/Clock")()
-            message.clock.sec = at_s
-            wait_for(lambda: clock.has_listeners)
-            clock.publish(message)
-
-            def placed(at_s=at_s):
-                try:
-                    return abs(simulated.unix_s(at_s - 0.5) - time.time() + 0.5) < 0.2
-                except Ros2Error:
-                    return False
-
-            wait_for(placed)
-    finally:
-        simulated.close()

@@ -6,15 +6,16 @@ import os
 import signal
 import threading
 import time
+from contextlib import closing, suppress
 
 import numpy as np
 import pytest
 from builders.live import NECK
 from builders.mcap import column, decoded
 from builders.ports import free_port
-from builders.replays import run_info
+from builders.replays import cut, run_info
 from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader, make_reader
+from mcap.reader import NonSeekingReader
 
 import gazempc as gz
 from gazempc.errors import SettingsError
@@ -32,35 +33,6 @@ QUICK = ["--source", "replay:subject03_R4", "--predictor", "constant_velocity", 
 def live(out, *more):
     assert main([*QUICK, "--no-figures", "--out", str(out), *more]) == 0
     return gz.load_log(out / "log_000.npz"), out / "log_000.mcap"
-
-
-@pytest.fixture(scope="module")
-def simulated(tmp_path_factory):
-    """A run on a simulated clock: nothing is lost, whatever else the computer does."""
-    out = tmp_path_factory.mktemp("simulated")
-    return live(out, "--simulated-clock", "--neck", "reference_eyes", "--log-s", "2.5")
-
-
-@pytest.mark.slow
-def test_each_log_has_its_file_and_all_its_numbers(simulated):
-    log, path = simulated
-    frame = log.to_pandas().ticks
-    for name in frame:
-        np.testing.assert_array_equal(column(path, "/ticks", name), frame[name], err_msg=name)
-    observed = log.to_pandas().observations
-    for name in ("capture_time_s", "arrival_time_s", "head_observed_y_base_m"):
-        np.testing.assert_array_equal(column(path, "/observations", name), observed[name])
-    forecasts = log.to_pandas().forecasts
-    for name in ("horizon_s", "mean_x_base_m", "covariance_yz_m2"):
-        np.testing.assert_array_equal(column(path, "/forecasts", name), forecasts[name])
-    np.testing.assert_allclose(column(path, "/metrics", "gaze_error_deg"), gaze_error_deg(log), rtol=1e-12)
-    assert [m.name for _, m in decoded(path, "/events")] == log.event_name.tolist()
-    second, other = gz.load_log(path.with_name("log_001.npz")), path.with_name("log_001.mcap")
-    np.testing.assert_array_equal(column(other, "/ticks", "time_s"), second.time_s)
-    np.testing.assert_array_equal(gz.load_log(other).joint_position_rad, second.joint_position_rad)
-    with path.open("rb") as file:
-        about = {each.name: each.metadata for each in make_reader(file).iter_metadata()}
-    assert about["gazempc_lost"] == {"moments": "0"}
 
 
 def received(url, topics, seconds=20.0):
@@ -102,57 +74,41 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
 
     looking = threading.Thread(target=look)
     looking.start()
-    log, path = live(tmp_path, "--duration-s", "2.5", "--view", "--view-at", f"127.0.0.1:{port}")
+    log, path = live(tmp_path, "--duration-s", "1.5", "--view", "--view-at", f"127.0.0.1:{port}")
     looking.join(240.0)
     said = capsys.readouterr().out
-    assert f"view: open ws://127.0.0.1:{port} in Foxglove, with the layout {tmp_path}/foxglove_layout.json" in said
+    assert f"ws://127.0.0.1:{port}" in said
     assert "log_000.mcap, foxglove_layout.json" in said
     assert set(json.loads(found["/ticks"])) >= {"time_s", "joint_pan_rad", "command_tilt_rad"}
     metrics = json.loads(found["/metrics"])
     assert metrics["late_ms"] >= 0.0
     layout = (tmp_path / "foxglove_layout.json").read_text()
-    for topic in ("/scene", "/metrics.gaze_error_deg", "/ticks.joint_pan_rad", "/events"):
-        assert topic in layout
+    assert all(topic in layout for topic in ("/scene", "/metrics.gaze_error_deg", "/ticks.joint_pan_rad", "/events"))
     # And what was served is in the file, with the lateness that only a live run knows.
     np.testing.assert_array_equal(column(path, "/ticks", "joint_pan_rad"), log.joint_position_rad[:, 0])
+    np.testing.assert_array_equal(gz.load_log(path).command_position_rad, log.command_position_rad)
     assert np.isfinite(column(path, "/metrics", "late_ms")).all()
 
 
-@pytest.fixture
-def feed(tmp_path):
-    """A feed that writes MCAP files."""
-    made = Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))
-    yield made
-    made.close()
-
-
-def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(feed, tmp_path):
-    feed.take(EventMoment(0.0, "event", ""))
-    time.sleep(1.0)  # sent by now
-    os.kill(feed.process.pid, signal.SIGSTOP)
-    for k in range(1, 40_000):
-        feed.take(CutMoment() if k == 1 else EventMoment(float(k), "event", ""))
-    assert feed.lost > 10_000
-    os.kill(feed.process.pid, signal.SIGCONT)
-    feed.close()
+def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(tmp_path):
+    with closing(Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))) as feed:
+        feed.take(EventMoment(0.0, "event", ""))
+        time.sleep(0.2)  # sent by now
+        os.kill(feed.process.pid, signal.SIGSTOP)
+        for k in range(1, 30_000):
+            feed.take(CutMoment() if k == 1 else EventMoment(float(k), "event", ""))
+        assert feed.lost > 5_000
+        os.kill(feed.process.pid, signal.SIGCONT)
     events = [decoded(tmp_path / f"log_00{k}.mcap", "/events") for k in range(2)]
-    assert events[1][-1][0] == 39_999 * 10**9
-    assert sum(map(len, events)) + feed.lost == 39_999
+    assert events[1][-1][0] == 29_999 * 10**9
+    assert sum(map(len, events)) + feed.lost == 29_999
     assert "moments did not reach viewers" in feed.problems[0]
 
 
-def test_a_process_that_dies_is_a_problem_and_the_run_goes_on(feed):
-    feed.process.kill()
-    feed.process.join()
-    for k in range(100):
-        feed.take(EventMoment(float(k), "event", ""))
-    feed.close()
-    assert feed.problems == ["the process for viewers has gone"]
-
-
 @pytest.mark.slow
-def test_a_killed_run_leaves_all_but_its_last_two_seconds(simulated, tmp_path):
-    log, _ = simulated
+def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_seconds(tmp_path):
+    words = {"sensor": "reference", "controller": "lookahead", "predictor": "constant_velocity"}
+    log = cut(gz.replay("subject03_R4", **words), 0.0, 2.5)
     feed = Feed(ViewOrders(log.run, mcap_folder=tmp_path))
     for moment in moments_of(log):
         feed.take(moment)
@@ -164,21 +120,20 @@ def test_a_killed_run_leaves_all_but_its_last_two_seconds(simulated, tmp_path):
         time.sleep(0.05)
         found = times_of_what_is_there(path)
     feed.process.kill()
+    feed.process.join()
+    feed.take(EventMoment(9.0, "event", ""))
     feed.close()
+    assert feed.problems == ["the process for viewers has gone"]
     assert times_of_what_is_there(path)[: len(found)] == found
     np.testing.assert_array_equal(found, log.time_s[: len(found)])
 
 
 def times_of_what_is_there(path):
     found = []
-    with path.open("rb") as file:
-        reader = NonSeekingReader(file)
-        try:
-            for _, channel, message in reader.iter_messages(log_time_order=False):
-                if channel.topic == "/ticks":
-                    found.append(json.loads(message.data)["time_s"])
-        except McapError:
-            pass  # where it was cut off
+    with path.open("rb") as file, suppress(McapError):  # where it was cut off
+        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+            if channel.topic == "/ticks":
+                found.append(json.loads(message.data)["time_s"])
     return found
 
 
@@ -189,9 +144,8 @@ def test_a_folder_that_cannot_be_written_ends_the_start(tmp_path):
 
 
 def test_view_alone_is_foxglove_at_its_port():
-    assert parse([*QUICK, "--view"]).view_address == ("127.0.0.1", 8765)
+    assert parse([*QUICK, "--view", "--no-figures"]).view_address == ("127.0.0.1", 8765)
     assert parse([*QUICK, "--view", "web", "--view-at", "0.0.0.0"]).view_address == ("0.0.0.0", 8080)
-    assert parse([*QUICK, "--view", "--no-figures"]).view == "foxglove"
 
 
 def test_the_jump_of_the_person_between_two_passes_is_not_scored(tmp_path):
