@@ -53,10 +53,9 @@ def undisturbed():
     return run_live(duration_s=6.6)
 
 
-def assert_recovered(result, from_s, within_deg=0.3, reference=None):
+def assert_recovered(result, from_s, within_deg=0.3):
     """From then on the gaze error is what it is without the fault, and was not at some time before."""
-    reference = reference or undisturbed()
-    now = result.joined("time_s")
+    reference, now = undisturbed(), result.joined("time_s")
     until_s = min(result.ended_s, reference.ended_s)
     scored = (now >= from_s) & (now < until_s)
     usual_deg = np.interp(now[scored], reference.joined("time_s"), reference.error_deg)

@@ -4,9 +4,12 @@ import dataclasses
 
 import numpy as np
 
+from builders.live import NECK
+from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import SimulatedClock
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.types import JointState
+from predictors import ConstantVelocity
 
 
 def between(start_s, stop_s):
@@ -22,6 +25,28 @@ def answers_badly(kind, state):
         "nan": JointState(state.time_s, state.position_rad * np.nan, state.velocity_rad_s),
         "three joints": JointState(state.time_s, np.zeros(3), np.zeros(3)),
     }[kind]
+
+
+class Controller(LookAhead):
+    """One whose plans a test may change: `change(plan)`."""
+
+    def __init__(self, change):
+        super().__init__(NECK)
+        self.change = change
+
+    def plan(self, situation):
+        return self.change(super().plan(situation))
+
+
+class Predictor(ConstantVelocity):
+    """One whose forecasts a test may change: `change(forecast)`."""
+
+    def __init__(self, change):
+        super().__init__()
+        self.change = change
+
+    def forecast(self, times_s):
+        return self.change(super().forecast(times_s))
 
 
 def nan_plan(plan):

@@ -36,13 +36,12 @@ class OnvifCameraServer:
         moves: Time by `time.monotonic`, and x and y of each ContinuousMove; Stop is (0, 0).
         bodies: Every request.
         says_moving: Whether its move status is MOVING for ever.
-        answer_delay_s: How long an answer takes.
         silent: Whether connections are closed without an answer.
     """
 
     def __init__(self, neck: NeckSpec, user: str = "", password: str = "", plant: Any = None) -> None:
         self.neck, self.moves, self.bodies = neck, [], []
-        self.says_moving, self.answer_delay_s, self.silent = False, 0.0, False
+        self.says_moving = self.silent = False
         self.plant = plant or SharedNeck(neck)
         self._lock, self._ends_s = threading.RLock(), np.inf
         self._half = 0.5 * (neck.position_max_rad - neck.position_min_rad)
@@ -98,7 +97,6 @@ class OnvifCameraServer:
                     self.close_connection = True
                     return
                 camera.bodies.append(body)
-                time.sleep(camera.answer_delay_s)
                 action = re.search(r"Body[^>]*>\s*<(?:\w+:)?(\w+)", body).group(1)
                 status = 200
                 if action != "GetSystemDateAndTime" and not camera.service.verify_usernametoken(body):

@@ -1,11 +1,12 @@
 """A graph of ROS 2 inside the test: messages with the fields of the standard definitions, taken without rclpy."""
 
 import math
-import time
 from collections import defaultdict, deque
 from functools import cache
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from builders.waiting import wait_for
 
 OPTICAL = "camera_color_optical_frame"
 TF, IDS, TEXT = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
@@ -157,14 +158,6 @@ class Stage:
     def close(self):
         for source in self.opened:
             source.close()
-
-
-def wait_for(condition, timeout_s=15.0):
-    until = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < until, "waited in vain"
-        time.sleep(0.005)
-    return found
 
 
 def polled(source, count):

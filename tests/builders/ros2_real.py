@@ -1,7 +1,6 @@
 """The real rclpy: other nodes on the loopback, in a domain of this test."""
 
 import os
-import time
 
 import pytest
 
@@ -27,12 +26,3 @@ def rclpy_or_skip():
         pytest.skip(WHY, allow_module_level=True)
     assert control_msgs.action.PointHead
     return rclpy
-
-
-def wait_for(condition, timeout_s=30.0, step=lambda: time.sleep(0.005), why="waited in vain"):
-    """The value of a condition once it is true; `why` is the message of a failure, or returns it then."""
-    until = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < until, why() if callable(why) else why
-        step()
-    return found

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from builders.waiting import wait_for
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.robots.options import ViscaOptions
 from gazempc.robots.visca import ViscaCamera
@@ -106,20 +107,11 @@ def connected(address: tuple[str, int], neck: NeckSpec = QUICK, **options: objec
         robot.close()
 
 
-def wait_until(true: Callable[[], bool], within_s: float = 20.0) -> None:
-    """Wait until something is true."""
-    until_s = time.monotonic() + within_s
-    while not true():
-        assert time.monotonic() < until_s, "it did not happen in time"
-        time.sleep(0.01)
+def feed(robot: ViscaCamera, speeds: tuple[float, float], until: Callable[[], bool]) -> None:
+    """Send speeds 50 times a second, as the loop does, until something is true."""
 
-
-def feed(robot: ViscaCamera, speeds: tuple[float, float], until: Callable[[], bool], within_s: float = 20.0) -> int:
-    """Send speeds 50 times a second, as the loop does, until something is true; returns how many were sent."""
-    until_s, count = time.monotonic() + within_s, 0
-    while not until():
-        assert time.monotonic() < until_s, "it did not happen in time"
+    def send() -> None:
         robot.send_command(np.array(speeds))
-        count += 1
         time.sleep(0.02)
-    return count
+
+    wait_for(until, step=send)

@@ -9,7 +9,8 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
-from builders.ros2_real import ENVIRONMENT, rclpy_or_skip, wait_for
+from builders.ros2_real import ENVIRONMENT, rclpy_or_skip
+from builders.waiting import wait_for
 
 from gazempc.identify.new_neck import as_toml
 from gazempc.neck.spec import load_neck

@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from contextlib import closing
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from builders.cameras import film
 from builders.mcap import decoded
+from builders.waiting import FOREVER_S, wait_for
 
 from benchmarks.camera.stream import PictureServer
 from benchmarks.camera.walks import across, angle_deg
@@ -25,8 +25,6 @@ from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.source import SourceError
 from gazempc.results.log_files import load_log
 
-# No test waits so long; without it one that hangs would never end.
-FOREVER_S = 240.0
 # A busy machine searches late.
 PATIENT = ["--loop.stale-after-s", "5", "--loop.lost-after-s", "8", "--loop.rest-after-s", "20"]
 
@@ -102,16 +100,16 @@ def test_a_camera_of_ones_own_is_seen_at_its_time_of_capture_until_it_breaks():
     lines, sightings, problems = [], [], []
     options = CameraOptions(latency_ms=400)
     source = CameraSource("portrait_camera:Broken", options, RealClock(), lines.append)
-    until_s, finished = time.monotonic() + FOREVER_S, False
+
+    def ended():
+        finished, arrived = source.finished, source.poll()
+        sightings.extend(arrived.sightings)
+        problems.extend(arrived.problems)
+        return finished
+
     with closing(source):
         source.open()
-        while not finished:
-            assert time.monotonic() < until_s
-            finished = source.finished
-            arrived = source.poll()
-            sightings += arrived.sightings
-            problems += arrived.problems
-            time.sleep(0.005)
+        wait_for(ended, FOREVER_S)
     assert problems == ["the process of the camera ended: OSError: the cable was pulled"]
     assert len(sightings) > 10
     captured_s = np.array([s.observation.capture_time_s for s in sightings])
@@ -161,11 +159,8 @@ def test_a_network_camera_that_was_gone_is_opened_again():
     with closing(PictureServer()) as server, closing(Camera(server.url, CameraOptions())) as camera:
         assert isinstance(camera.read(), Picture)
         server.hang_up()
-        until_s = time.monotonic() + FOREVER_S
-        while isinstance(camera.read(), Picture):
-            assert time.monotonic() < until_s
-        while not isinstance(camera.read(), Picture):
-            assert time.monotonic() < until_s
+        for there in (False, True):
+            wait_for(lambda there=there: isinstance(camera.read(), Picture) == there, FOREVER_S)
 
 
 @pytest.mark.slow
@@ -224,9 +219,6 @@ def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
         [sys.executable, "killed.py"], capture_output=True, text=True, check=False, timeout=FOREVER_S, env=WITH_HERE
     )
     process_id = int(done.stdout)
-    until_s = time.monotonic() + FOREVER_S
-    with contextlib.suppress(OSError):  # it has gone
-        # A zombie has ended.
-        while Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] != "Z":
-            assert time.monotonic() < until_s
-            time.sleep(0.02)
+    stat = Path(f"/proc/{process_id}/stat")
+    with contextlib.suppress(OSError):  # it has gone; a zombie has ended
+        wait_for(lambda: stat.read_text().rpartition(")")[2].split()[0] == "Z", FOREVER_S)

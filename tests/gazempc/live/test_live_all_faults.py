@@ -5,16 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from builders.checks import assert_within_limits
-from builders.faults import Jumping, Late, answers_badly, nan_plan, wild_plan
+from builders.faults import Controller, Jumping, Late, Predictor, answers_badly, nan_plan, wild_plan
 from builders.live import NECK, WALK, run_live
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gazempc.controllers.controller import SolverFailed
-from gazempc.controllers.lookahead import LookAhead
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.types import Sighting
-from predictors import ConstantVelocity
 
 KINDS = (
     "silent", "stale", "future", "past", "doubled", "nan observation", "read raises", "read nan", "send raises",
@@ -51,37 +49,30 @@ def test_any_sequence_of_faults_is_survived_within_limits(faults):
     silent, got_through = [], []
 
     def on_send(now_s):
-        if on("send raises", now_s):
-            silent.append(len(got_through))
+        raises, nan = on("send raises", now_s), on("send nan", now_s)
+        (silent if raises or nan else got_through).append(len(got_through))
+        if raises:
             raise OSError("no answer")
-        if on("send nan", now_s):
-            silent.append(len(got_through))
-            return (np.full(2, np.nan),)
-        got_through.append(now_s)
-        return None
+        return (np.full(2, np.nan),) if nan else None
 
-    class Controller(LookAhead):
-        def plan(self, situation):
-            plan = super().plan(situation)
-            if on("solver fails", situation.start_s):
-                raise SolverFailed("made to fail")
-            if on("nan plan", situation.start_s):
-                return nan_plan(plan)
-            return wild_plan(plan) if on("wild plan", situation.start_s) else plan
+    def planned(plan):
+        if on("solver fails", plan.start_s):
+            raise SolverFailed("made to fail")
+        changes = {"nan plan": nan_plan, "wild plan": wild_plan}
+        return next((change(plan) for kind, change in changes.items() if on(kind, plan.start_s)), plan)
 
-    class Predictor(ConstantVelocity):
-        def forecast(self, times_s):
-            if on("predictor raises", clock.now_s()):
-                raise np.linalg.LinAlgError("made to fail")
-            return super().forecast(times_s)
+    def forecast(answer):
+        if on("predictor raises", clock.now_s()):
+            raise np.linalg.LinAlgError("made to fail")
+        return answer
 
     result = run_live(
         clock=clock,
         change=change,
         on_read=on_read,
         on_send=on_send,
-        controller=Controller(NECK),
-        predictor=Predictor(),
+        controller=Controller(planned),
+        predictor=Predictor(forecast),
         planner=lambda controller: Late(controller, clock, lambda now: 0.1 if on("late plan", now) else 0.0),
         duration_s=2.0,
     )

@@ -8,34 +8,15 @@ import time
 import numpy as np
 import pytest
 from builders.checks import assert_sound, assert_within_limits
-from builders.live import NECK, Faulty, run_live
+from builders.faults import Controller, Predictor, nan_plan, wild_plan
+from builders.live import Faulty, run_live
 
-from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import BackgroundPlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.log_files import load_log
 from gazempc.types import JointState
-from predictors import ConstantVelocity
-
-
-class Controller(LookAhead):
-    def __init__(self, change):
-        super().__init__(NECK)
-        self.change = change
-
-    def plan(self, situation):
-        return self.change(super().plan(situation))
-
-
-class Predictor(ConstantVelocity):
-    def __init__(self, change):
-        super().__init__()
-        self.change = change
-
-    def forecast(self, times_s):
-        return self.change(super().forecast(times_s))
 
 
 class Source(Faulty):
@@ -50,11 +31,8 @@ class Source(Faulty):
 # Every kind of `benchmarks.faults.wrongs` is tried in `test_live_own_parts`; these are of one event each.
 INSTEAD = {
     "controller_failed": ("Controller.plan()", lambda plan: sys.exit("leaving")),
-    "plan_not_finite": (
-        "Controller.plan()",
-        lambda p: dataclasses.replace(p, velocity_rad_s=p.velocity_rad_s * np.inf),
-    ),
-    "plan_out_of_range": ("Controller.plan()", lambda p: dataclasses.replace(p, position_rad=p.position_rad + 50.0)),
+    "plan_not_finite": ("Controller.plan()", nan_plan),
+    "plan_out_of_range": ("Controller.plan()", wild_plan),
     "forecast_failed": ("Predictor.forecast()", lambda f: dataclasses.replace(f, means_base_m=f.means_base_m * np.nan)),
     "source_failed": ("Source.poll()", lambda a: Arrived(None)),
     "robot_not_answering": ("Spied", lambda s: JointState(s.time_s, np.array(["a", "b"]), s.velocity_rad_s)),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bs4 import BeautifulSoup
-from builders.lines import FOREVER_S, QUAT
+from builders.waiting import FOREVER_S, wait_for
 
 from gazempc.live import session as live
 from gazempc.loop.events import Event
@@ -54,7 +54,7 @@ class Program:
         for k in range(int(seconds * rate_hz)):
             t = k / rate_hz
             head = [2.5 / unit_m, 1.2 * math.sin(1.2 * t) / unit_m, 0.4 / unit_m]
-            observation = {"capture_time_s": stamp(), "head_position_m": head, "head_quat_wxyz": QUAT}
+            observation = {"capture_time_s": stamp(), "head_position_m": head, "head_quat_wxyz": [1, 0, 0, 0]}
             self.process.stdin.write(json.dumps(observation).encode() + b"\n")
             self.process.stdin.flush()
             time.sleep(1.0 / rate_hz)
@@ -66,10 +66,8 @@ class Program:
     def until_it_takes_signals(self):
         """Early in its start: the first thing that it does."""
         status = Path(f"/proc/{self.process.pid}/status")
-        until_s = time.monotonic() + FOREVER_S
-        while not int(re.search(r"SigCgt:\s*(\w+)", status.read_text()).group(1), 16) >> (signal.SIGTERM - 1) & 1:
-            assert time.monotonic() < until_s
-            time.sleep(0.001)
+        caught = lambda: int(re.search(r"SigCgt:\s*(\w+)", status.read_text()).group(1), 16)  # noqa: E731
+        wait_for(lambda: caught() >> (signal.SIGTERM - 1) & 1, FOREVER_S, step=lambda: time.sleep(0.001))
 
 
 def strict(path):

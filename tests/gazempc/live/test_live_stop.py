@@ -17,28 +17,19 @@ from gazempc.neck.spec import load_neck
 
 @pytest.mark.parametrize("why", ["signal", "duration", "end of the source"])
 def test_told_to_stop_the_neck_brakes_within_limits_and_everything_is_closed(why):
-    stop = threading.Event()
-    walk = WALK
+    stop, closed = threading.Event(), []
 
     def on_poll(now_s):
         if why == "signal" and now_s >= 1.5:
             stop.set()
 
-    if why == "end of the source":
-        walk = reordered(WALK, range(46))
-    closed = []
-
     class Closing(ImmediatePlanner):
         def close(self):
             closed.append(True)
 
-    result = run_live(
-        on_poll=on_poll,
-        stop=stop,
-        walk=walk,
-        planner=Closing,
-        duration_s=1.5 if why == "duration" else 5.0,
-    )
+    walk = reordered(WALK, range(46)) if why == "end of the source" else WALK
+    duration_s = 1.5 if why == "duration" else 5.0
+    result = run_live(on_poll=on_poll, stop=stop, walk=walk, planner=Closing, duration_s=duration_s)
     assert_sound(result)
     assert result.report.stopped_by == why
     now, velocity = result.joined("time_s"), result.joined("command_velocity_rad_s")

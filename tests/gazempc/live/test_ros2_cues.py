@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders.ros2_graph import NOW_S, OPTICAL, header, make_message, polled, transform, wait_for
+from builders.ros2_graph import NOW_S, OPTICAL, header, make_message, polled, transform
 from builders.ros2_graph import point as place
+from builders.waiting import wait_for
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, polled, text, tracked, transform, wait_for
+from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, polled, text, tracked, transform
+from builders.waiting import wait_for
 from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros4hri import Ros4HriPeople

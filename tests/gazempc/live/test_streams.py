@@ -6,8 +6,8 @@ import sys
 import time
 
 import pytest
-from builders.lines import FOREVER_S
 from builders.ports import free_port
+from builders.waiting import FOREVER_S, wait_for
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.source import SourceError
@@ -40,15 +40,15 @@ class Collector:
         self.source, self.sightings, self.cues, self.problems, self.notices = source, [], [], [], []
 
     def until(self, done):
-        until_s = time.monotonic() + FOREVER_S
-        while not done(self):
+        def polled():
             arrived = self.source.poll()
             self.sightings += arrived.sightings
             self.cues += arrived.cues
             self.problems += arrived.problems
             self.notices += arrived.notices
-            assert time.monotonic() < until_s, (numbers(self.sightings), self.problems)
-            time.sleep(0.001)
+            return done(self)
+
+        wait_for(polled, FOREVER_S, why=lambda: f"{numbers(self.sightings)}, {self.problems}")
         return self
 
 

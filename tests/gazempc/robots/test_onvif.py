@@ -6,7 +6,8 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
-from builders.visca import QUICK, feed, wait_until
+from builders.visca import QUICK, feed
+from builders.waiting import wait_for
 
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.speed_steps import SpeedSteps
@@ -139,8 +140,8 @@ def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
         with pytest.raises(RobotError, match=f"onvif 127.0.0.1:{server.port}"):
             feed(robot, (0.4, 0.0), lambda: False)
         # Meanwhile the move has ended by itself.
-        wait_until(lambda: np.abs(server.plant.true_state().velocity_rad_s).max() < 1e-4)
+        wait_for(lambda: np.abs(server.plant.true_state().velocity_rad_s).max() < 1e-4)
         before = len(server.moves)
         server.silent = False
-        wait_until(lambda: len(server.moves) > before)
+        wait_for(lambda: len(server.moves) > before)
         assert server.moves[before][1:] == (0.0, 0.0)

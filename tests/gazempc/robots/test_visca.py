@@ -3,14 +3,14 @@
 import os
 import subprocess
 import sys
-import textwrap
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
-from builders.visca import PTZ, QUICK, BadNetwork, camera, connected, feed, wait_until
+from builders.visca import PTZ, QUICK, BadNetwork, camera, connected, feed
+from builders.waiting import wait_for
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -75,7 +75,7 @@ def test_the_camera_turns_as_commanded_and_reports_it(pan_sign) -> None:
     with camera() as (server, plant), connected(server.address, directions=(pan_sign, 1)) as robot:
         feed(robot, (0.5, -0.2), lambda: pan_sign * plant.true_state().position_rad[0] > 0.1)
         robot.send_command(np.zeros(2))
-        wait_until(lambda: np.abs(plant.true_state().velocity_rad_s).max() < 1e-4)
+        wait_for(lambda: np.abs(plant.true_state().velocity_rad_s).max() < 1e-4)
         true_rad = plant.true_state().position_rad * [pan_sign, 1]
         assert true_rad[1] == pytest.approx(-0.4 * true_rad[0], rel=0.25)
         seen: list[np.ndarray] = []
@@ -167,7 +167,7 @@ def test_an_answer_that_comes_late_or_out_of_order_is_left_out() -> None:
     with camera() as (server, plant), link_through(BadNetwork(server.address, to_robot=again)) as link:
         assert position_of(link.inquire(POSITION)) == (0, 0)
         plant.send_command(np.array([1.0, 0.0]))
-        wait_until(lambda: plant.true_state().position_rad[0] > 0.1)
+        wait_for(lambda: plant.true_state().position_rad[0] > 0.1)
         # 0.1 rad to the left are -82 counts.
         assert position_of(link.inquire(POSITION))[0] < -80
 
@@ -183,7 +183,7 @@ def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
         server._sequence = 0
         plant.send_command(np.zeros(2))
         server.silent = False
-        wait_until(lambda: len(server.driven) > before)
+        wait_for(lambda: len(server.driven) > before)
         assert server.driven[before][1:] == (0, 0)
 
         def answers() -> bool:
@@ -193,7 +193,7 @@ def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
                 return False
             return True
 
-        wait_until(answers)
+        wait_for(answers)
         feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
 
 
@@ -218,7 +218,7 @@ def test_moves_are_renewed_a_silent_loop_and_the_end_are_a_stop() -> None:
     with camera() as (server, _):
         with connected(server.address) as robot:
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
-            wait_until(lambda: server.driven[-1][1:] == (0, 0))
+            wait_for(lambda: server.driven[-1][1:] == (0, 0))
             # And goes on when the loop is back, also with a camera whose count of packets is far above ours.
             server._sequence = 1_000_000
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
@@ -228,44 +228,34 @@ def test_moves_are_renewed_a_silent_loop_and_the_end_are_a_stop() -> None:
         robot.close()  # again does nothing
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("ending", ["kill", "raise"])
-def test_whatever_ends_the_program_stops_the_camera(ending: str, tmp_path) -> None:
-    program = """
-        import sys, time
-        import numpy as np
-        from gazempc.neck.spec import load_neck
-        from gazempc.robots.options import ViscaOptions
-        from gazempc.robots.visca import ViscaCamera
+PROGRAM = """
+import sys, time
+import numpy as np
+from gazempc.neck.spec import load_neck
+from gazempc.robots.options import ViscaOptions
+from gazempc.robots.visca import ViscaCamera
 
-        robot = ViscaCamera(sys.argv[1], load_neck("ptz"), time.monotonic, ViscaOptions())
-        robot.connect()
-        for k in range(3000):
-            robot.send_command(np.array([0.5, 0.1]))
-            if k == 10:
-                print("moving", flush=True)
-                if sys.argv[2] == "raise":
-                    raise RuntimeError
-            time.sleep(0.02)
-    """
-    script = tmp_path / "program.py"
-    script.write_text(textwrap.dedent(program))
+robot = ViscaCamera(sys.argv[1], load_neck("ptz"), time.monotonic, ViscaOptions())
+robot.connect()
+for k in range(3000):
+    robot.send_command(np.array([0.5, 0.1]))
+    if k == 10:
+        print("moving", flush=True)
+    time.sleep(0.02)
+"""
+
+
+@pytest.mark.slow
+def test_a_program_that_is_killed_leaves_a_camera_that_stands() -> None:
     with camera() as (server, _):
-        address = f"127.0.0.1:{server.address[1]}"
-        process = subprocess.Popen(
-            [sys.executable, str(script), address, ending],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        )
-        assert process.stdout is not None
-        assert process.stdout.readline() == b"moving\n"
-        if ending != "raise":
+        words = [sys.executable, "-c", PROGRAM, f"127.0.0.1:{server.address[1]}"]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"moving\n"
             assert server.driven[-1][1] > 0
             process.kill()
-        process.wait(30)
-        wait_until(lambda: server.driven[-1][1:] == (0, 0))
-        process.stdout.close()
+        wait_for(lambda: server.driven[-1][1:] == (0, 0))
 
 
 def test_a_reply_that_is_an_error_is_named() -> None:

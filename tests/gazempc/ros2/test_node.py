@@ -1,12 +1,12 @@
 """The node and the robot `ros2` against nodes of the real rclpy in this process."""
 
-import contextlib
 import threading
 import time
 
 import numpy as np
 import pytest
-from builders.ros2_real import rclpy_or_skip, wait_for
+from builders.ros2_real import rclpy_or_skip
+from builders.waiting import wait_for
 from scipy.interpolate import BPoly
 
 from gazempc.controllers.controller import Plan
@@ -208,48 +208,6 @@ def test_a_robot_that_is_not_there_is_named(node, made):
         robot.connect()
     with pytest.raises(RobotError, match="not connected"):
         robot.read_state()
-
-
-@pytest.mark.parametrize("kind", [TRAJECTORY, NUMBERS])
-def test_a_controller_that_comes_back_leads_the_joints_to_the_command_within_the_limits(node, made, kind):
-    """The joints were moved meanwhile."""
-    away = Ros2Node("controller")
-    robot = connected(made, Driver(away, kind), command_type=kind, silent_after_s=0.2)
-    command_rad, stands_rad = np.array([0.1, 0.0]), np.array([0.3, -0.1])
-    robot.send_command(command_rad)
-    away.close()
-
-    def refusal():
-        try:
-            robot.send_command(command_rad)
-        except RobotError as error:
-            return str(error)
-        return ""
-
-    wait_for(lambda: "has the controller stopped" in refusal())
-    time.sleep(0.3)
-    back = Driver(node, kind)
-    wait_for(lambda: "no joint state yet" in refusal())
-
-    def returns():
-        back.say(stands_rad)
-        with contextlib.suppress(RobotError):
-            robot.read_state()
-        return "return to the command" in refusal()
-
-    wait_for(returns)
-    found = wait_for(back.commands.take)
-    until = time.monotonic() + 30.0
-    while refusal():
-        assert time.monotonic() < until
-        found += wait_for(back.commands.take)
-    found += wait_for(back.commands.take)
-    sent_rad = np.array([each.data if kind == NUMBERS else each.points[0].positions for each in found])
-    np.testing.assert_allclose(sent_rad[-1], command_rad)
-    np.testing.assert_allclose(sent_rad[0], stands_rad, atol=1e-3)
-    for order, limit in enumerate((NECK.velocity_max_rad_s, NECK.acceleration_max_rad_s2, NECK.jerk_max_rad_s3), 1):
-        moved = np.diff(np.vstack([np.tile(stands_rad, (order, 1)), sent_rad]), order, axis=0)
-        assert (abs(moved) * NECK.servo_rate_hz**order <= limit * (1 + 1e-6)).all()
 
 
 def test_a_quality_of_service_that_does_not_fit_is_described(node):

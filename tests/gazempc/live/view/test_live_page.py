@@ -2,7 +2,6 @@
 
 import http.client
 import json
-import time
 from contextlib import closing
 
 import numpy as np
@@ -11,6 +10,7 @@ from builders.browser import browser
 from builders.live import NECK
 from builders.ports import free_port
 from builders.replays import run_info
+from builders.waiting import wait_for
 
 import gazempc as gz
 from gazempc.live.view.orders import ViewOrders
@@ -73,11 +73,9 @@ def send(feed, moments):
         feed.take(moment)
 
 
-def wait_for(driver, element, words):
-    until = time.monotonic() + 15.0
-    while words not in (found := driver.find_element("id", element).text):
-        assert time.monotonic() < until, f"{element} says {found!r}, not {words!r}"
-        time.sleep(0.02)
+def wait_for_text(driver, element, words):
+    text = lambda: driver.find_element("id", element).text  # noqa: E731
+    wait_for(lambda: words in text(), why=lambda: f"{element} has {text()!r}, not {words!r}")
 
 
 def shown_at(log, moments):
@@ -109,15 +107,15 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
             {"width": 400, "height": 800, "deviceScaleFactor": 1, "mobile": True},
         )
         driver.get(f"http://127.0.0.1:{port}/")
-        wait_for(driver, "connection", "waiting for the run")
+        wait_for_text(driver, "connection", "waiting for the run")
         half = len(moments) // 2
         send(run, moments[:half])
-        wait_for(driver, "time", shown_at(log, moments[:half]))
+        wait_for_text(driver, "time", shown_at(log, moments[:half]))
         assert driver.find_element("id", "connection").text == "live"
         first = {name: driver.find_element("id", name).text for name in ("person", "error", "time", "joints")}
         send(run, [*moments[half:], EventMoment(moments[-1].time_s, "limit_guard", "limit_guard")])
         send(run, [TickMoment(moments[-1].time_s + 0.1, moments[-1].joints, *moments[-1][2:])])
-        wait_for(driver, "events", "limit_guard: the smoother refused")
+        wait_for_text(driver, "events", "limit_guard: the smoother refused")
         for name, before in first.items():
             assert driver.find_element("id", name).text != before, name
         at = moments[-1]
@@ -126,24 +124,22 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         assert driver.find_element("id", "latency").text == "87 ms"
         assert driver.find_element("id", "joints").text.count("°") == 4
         assert driver.find_element("id", "camera").is_displayed()
-        until_s = time.monotonic() + 20.0  # the browser decodes the picture beside the page
-        while driver.execute_script("return document.getElementById('picture').naturalWidth") != 1:
-            assert time.monotonic() < until_s
-            time.sleep(0.02)
+        # The browser decodes the picture beside the page.
+        wait_for(lambda: driver.execute_script("return document.getElementById('picture').naturalWidth") == 1)
         for canvas in ("above", "eye", "errors", "times"):
             assert drawn(driver, canvas) > 500, canvas
         # It fits a phone.
         assert driver.execute_script("return document.documentElement.scrollWidth") <= 400
 
         run.process.kill()
-        wait_for(driver, "connection", "connection lost")
+        wait_for_text(driver, "connection", "connection lost")
         again = started(port)
-        wait_for(driver, "connection", "waiting for the run")
+        wait_for_text(driver, "connection", "waiting for the run")
         send(again, moments[:half])
-        wait_for(driver, "time", first["time"])
+        wait_for_text(driver, "time", first["time"])
         assert driver.find_element("id", "connection").text == "live"
         again.close()
-        wait_for(driver, "connection", "the run is over")
+        wait_for_text(driver, "connection", "the run is over")
         # That nobody answers is no error of a script.
         wrong = [each for each in driver.get_log("browser") if each["source"] != "network"]
         assert wrong == []

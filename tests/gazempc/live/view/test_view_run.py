@@ -14,6 +14,7 @@ from builders.live import NECK
 from builders.mcap import column, decoded
 from builders.ports import free_port
 from builders.replays import cut, run_info
+from builders.waiting import wait_for
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
@@ -112,13 +113,9 @@ def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_s
     feed = Feed(ViewOrders(log.run, mcap_folder=tmp_path))
     for moment in moments_of(log):
         feed.take(moment)
-    path, until = tmp_path / "log_000.mcap", time.monotonic() + 20.0
+    path, enough = tmp_path / "log_000.mcap", 2.0 * log.neck.servo_rate_hz
     # Three flushes: at the first tick, two seconds later, and what is left of 2.5 s stays in memory.
-    found = []
-    while len(found) < 2.0 * log.neck.servo_rate_hz:
-        assert time.monotonic() < until
-        time.sleep(0.05)
-        found = times_of_what_is_there(path)
+    found = wait_for(lambda: path.exists() and len(there := times_of_what_is_there(path)) >= enough and there)
     feed.process.kill()
     feed.process.join()
     feed.take(EventMoment(9.0, "event", ""))
