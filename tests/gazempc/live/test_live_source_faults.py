@@ -75,23 +75,28 @@ def test_a_source_that_raises_is_asked_again_the_neck_brakes_and_a_burst_of_stal
     assert_recovered(result, to_s + 1.9, within_deg=1.0)
 
 
-def test_a_sender_that_is_refused_all_the_time_is_reported_every_ten_seconds(caplog):
+def test_a_clock_that_is_ahead_is_an_event_and_a_sender_that_is_refused_is_reported_every_ten_seconds(caplog):
+    def ahead(now_s, sighting):
+        seen = sighting.observation
+        return [Sighting(sighting.arrival_s, dataclasses.replace(seen, capture_time_s=seen.capture_time_s + 0.2))]
+
     class Contested(Faulty):
         def poll(self):
             refused = Notice(Event.SENDER_REFUSED, f"a stranger at {self.clock.now_s():.0f} s")
             return dataclasses.replace(super().poll(), notices=(refused,))
 
     clock, report, recorder = SimulatedClock(), LiveReport(), LoopRecorder(NECK.control_period_s)
-    source = Contested(clock)
+    source = Contested(clock, ahead)
     source.open()
     arrivals = Arrivals(live_setup(NECK, SimulatedNeck(NECK, np.zeros(2), clock.now_s), source, clock), report)
-    for second in range(11):
-        clock.sleep_until_s(second)
+    for frame in range(301):
+        clock.sleep_until_s(frame / 30)
         list(arrivals.take(clock.now_s(), recorder))
     said = [record.getMessage() for record in caplog.records if "stranger" in record.getMessage()]
     assert said == [f"sender_refused: a stranger at {k} s" for k in (0, 10)]
-    assert recorder.refusals["sender_refused"] == 11
-    assert len(report.warnings) == 1
+    assert recorder.refusals["sender_refused"] == 301
+    assert {text.partition(":")[0] for text in report.warnings} == {"sender_refused", "clock_shifted", "wrong_clock"}
+    assert [recorder.events.count(name) for name in ("clock_shifted", "wrong_clock")] == [1, 1]
 
 
 class Flood(Faulty):

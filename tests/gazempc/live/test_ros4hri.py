@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, polled, text, tracked, transform
+from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, polled, text, tracked, transform, typestore
 from builders.waiting import wait_for
+from rosbags.rosbag2 import Reader
 from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.loop.events import Event
+from gazempc.recordings.readers.bag import read_bag_tracks
 from gazempc.robots.options import Ros2Options
 
 BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("bodies", "persons"))
@@ -162,3 +164,33 @@ def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
     seen, problems = polled(source, 2)
     assert (names(seen), problems) == (["anna", "anna"], [])
     np.testing.assert_allclose([each.head_position_base_m for each in seen], [[2.0, 0.3, 0.3]] * 2)
+
+
+NAME, PEOPLE = "2p_AA_FV_eng_1", {"eloek", "ghfbv"}
+READ = ("tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String")
+
+
+def test_faces_that_real_nodes_sent_are_where_the_recording_has_them(stage, bags_dir):
+    """The first 1.8 s of two people at 30 frames a second, once more on the wire."""
+    with Reader(bags_dir / NAME) as bag:
+        sent = [(c.topic, c.msgtype, 1e-9 * ns, raw) for c, ns, raw in bag.messages() if c.msgtype in READ]
+    start_s = sent[0][2]
+    source = stage.listening(
+        Ros4HriPeople(stage.clock_s, lambda unix_s: unix_s - start_s, Ros2Options(), stage.make_node)
+    )
+    found = []
+    for topic, type_name, at_s, raw in sent:
+        stage.now_s = at_s - start_s
+        if stage.now_s <= 1.8:
+            stage.put(topic, type_name, typestore().deserialize_cdr(raw, type_name), latched=topic != "/tf")
+            arrived = source.poll()
+            assert arrived.problems == ()
+            found += [sighting.observation for sighting in arrived.sightings]
+    assert len(found) >= 90
+    tracks = [seen.poses for seen, _ in read_bag_tracks(bags_dir / NAME)]
+    times_s = np.concatenate([track.times_s for track in tracks]) - start_s
+    position_m = np.concatenate([track.position_m for track in tracks])
+    for seen in found:
+        at = abs(times_s - seen.capture_time_s) < 1e-4
+        assert np.linalg.norm(position_m[at] - seen.head_position_base_m, axis=1).min() < 1e-9
+    assert {seen.person_id for seen in found[len(found) // 2 :]} == PEOPLE
