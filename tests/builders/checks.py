@@ -10,7 +10,7 @@ from builders.live import NECK, TS, run_live
 def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False, rests=True):
     """Position and its differences against the figures of the neck, independently of the code under test.
 
-    Where the robot did not answer (`breaks`: number of the first command after that) it stood still, which nobody can
+    Where the robot did not answer (`breaks`: number of the first command after that) it stood still, which no limit can
     prevent: each part is judged from rest on, or (not `rests`) by itself, as after a short silence the motion goes on
     from commands that may have been executed. Where the run `ends` the robot stands by the last command for ever.
     """

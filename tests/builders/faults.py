@@ -57,36 +57,25 @@ def wild_plan(plan):
     return dataclasses.replace(plan, position_rad=plan.position_rad + 50.0, velocity_rad_s=plan.velocity_rad_s + 99.0)
 
 
-class Late:
+class Late(ImmediatePlanner):
     """A planner whose answers come some time after the request, on a simulated clock."""
 
     def __init__(self, controller, clock, delay_s):
-        self.controller = controller
-        self._inner, self._clock, self._delay_s = ImmediatePlanner(controller), clock, delay_s
-        self._pending = None
-
-    def see(self, take_in):
-        take_in()
-
-    def slow_call(self, ended=False):
-        return None
+        super().__init__(controller)
+        self.clock, self.delay_s, self.due_s = clock, delay_s, None
 
     def request(self, due_index, situate):
-        if self._pending is not None:
+        if self.due_s is not None:
             return False
-        self._inner.request(due_index, situate)
-        now_s = self._clock.now_s()
-        self._pending = (now_s + self._delay_s(now_s), self._inner.answers())
-        return True
+        now_s = self.clock.now_s()
+        self.due_s = now_s + self.delay_s(now_s)
+        return super().request(due_index, situate)
 
     def answers(self):
-        if self._pending is None or self._clock.now_s() < self._pending[0] - 1e-9:
+        if self.due_s is None or self.clock.now_s() < self.due_s - 1e-9:
             return []
-        (_, answers), self._pending = self._pending, None
-        return answers
-
-    def close(self):
-        pass
+        self.due_s = None
+        return super().answers()
 
 
 class Jumping(SimulatedClock):

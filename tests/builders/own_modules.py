@@ -7,7 +7,7 @@ import numpy as np
 import gazempc as gz
 
 class Standing:
-    """Says that the head stays where it was seen last."""
+    """Forecasts that the head stays where it was seen last."""
 
     def __init__(self, noise_m: float = 0.01, person: str = ""):
         self.noise_m, self.person, self.last = noise_m, person, None
@@ -44,7 +44,7 @@ import numpy as np
 from gazempc.sim.simulated import SimulatedNeck
 
 class Head(SimulatedNeck):
-    """Stands for a driver; knows the loop's clock and the neck's limits."""
+    """Stands for a driver; has the loop's clock and the neck's limits."""
     def __init__(self, neck, clock_s, position_rad, zero_deg: tuple[float, float] = (0.0, 0.0)):
         super().__init__(neck, position_rad, clock_s)
         self.zero_deg = zero_deg
@@ -75,7 +75,7 @@ from gazempc.live.sources.source import Arrived
 from gazempc.types import Sighting
 
 class Walker:
-    """Somebody walks by at some speed for four seconds, seen at 30 frames a second."""
+    """A person walks by at some speed for four seconds, seen at 30 frames a second."""
 
     keeps_any_clock = True
 

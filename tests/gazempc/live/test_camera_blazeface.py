@@ -1,4 +1,4 @@
-"""The network finds a face where it is; its output is read as MediaPipe says."""
+"""The network finds a face where it is; its output is read as MediaPipe defines it."""
 
 import pytest
 from skimage import data
@@ -22,5 +22,5 @@ def test_a_face_is_found_in_pixels_of_the_picture(corner, side):
     assert found[0].points_px[2] == pytest.approx(NOSE, abs=0.035 * side)
 
 
-def test_nobody_is_found_where_nobody_is():
+def test_no_face_is_found_where_none_is():
     assert BlazeFace().faces(data.astronaut(), (0, 250), 256, 0.5) == []

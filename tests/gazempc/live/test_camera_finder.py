@@ -1,4 +1,4 @@
-"""Who is who from picture to picture, with a detector that knows where the faces are."""
+"""Names of people from picture to picture, with a detector of given faces."""
 
 import numpy as np
 import pytest

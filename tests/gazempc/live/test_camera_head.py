@@ -57,7 +57,7 @@ def test_the_range_is_uncertain_and_the_bearing_is_not():
 
 
 def test_errors_of_the_points_are_as_large_as_stated():
-    """Monte Carlo: points with the stated error; positions and yaws are wrong by what the covariance says, or less."""
+    """Monte Carlo: points with the stated error; errors of positions and yaws are as the covariance states, or less."""
     rng = np.random.default_rng(0)
     eyes_m, sd = np.array([2.5, -0.5, 0.2]), 0.002
     bearings, yaws, stated_yaw = [], [], []

@@ -1,4 +1,4 @@
-"""Pixels look where OpenCV's own projection says that they do."""
+"""The directions of pixels are those of OpenCV's own projection."""
 
 import cv2
 import numpy as np

@@ -29,7 +29,7 @@ def test_a_person_who_walks_across_is_found_in_the_right_direction(range_m):
 
 
 @pytest.mark.slow
-def test_a_camera_on_the_moving_head_keeps_eye_contact_with_somebody_who_walks_past():
+def test_a_camera_on_the_moving_head_keeps_eye_contact_with_a_person_who_walks_past():
     """From pictures to commands, with MuJoCo's neck; the mount is beside the eye, and askew."""
     log, camera = live.run(studio(), duration_s=4.0, neck_name="fetch")
     metrics = measure(log)

@@ -73,7 +73,7 @@ class Broken(Portrait):
     def end(self):
         raise OSError("the cable was pulled")
 
-class Nobody(Portrait):
+class Empty(Portrait):
     def read(self):
         time.sleep(0.02)
         return np.zeros((480, 640, 3), np.uint8), time.monotonic()
@@ -203,7 +203,7 @@ from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.camera.source import CameraSource
 
 if __name__ == "__main__":
-    source = CameraSource("portrait_camera:Nobody", CameraOptions(), RealClock())
+    source = CameraSource("portrait_camera:Empty", CameraOptions(), RealClock())
     source.open()
     print(source._process.pid, flush=True)
     os.kill(os.getpid(), signal.SIGKILL)
@@ -213,7 +213,7 @@ if __name__ == "__main__":
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_camera", "real_time")
 def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
-    """Nobody is in view, so that it would never notice by sending."""
+    """Without a person in view it sends nothing, so that no failed sending ends it."""
     (tmp_path / "killed.py").write_text(OPENS_AND_IS_KILLED)
     done = subprocess.run(
         [sys.executable, "killed.py"], capture_output=True, text=True, check=False, timeout=FOREVER_S, env=WITH_HERE

@@ -47,7 +47,7 @@ def gaze(robot, **settings):
 
 
 def see_for(opened, seconds, stamp=time.time):
-    """Somebody walks by, at 30 frames a second."""
+    """A person walks by, at 30 frames a second."""
     start_s = time.monotonic()
     while (elapsed_s := time.monotonic() - start_s) < seconds:
         opened.see(stamp() - 0.03, [2.0, 1.2 * math.sin(1.5 * elapsed_s), 0.3], head_quat_wxyz=[1, 0, 0, 0])

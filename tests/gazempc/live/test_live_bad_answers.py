@@ -129,7 +129,7 @@ def test_a_part_that_blocks_holds_up_no_command(named):
 
 
 @pytest.mark.slow
-def test_a_controller_that_never_returns_keeps_nobody_waiting():
+def test_a_controller_that_never_returns_does_not_hold_up_the_end_of_the_run():
     released, plans = threading.Event(), []
 
     def hang(plan):

@@ -15,7 +15,7 @@ from gazempc.results.log_files import load_log
 from gazempc.results.metrics import measure
 
 T = np.arange(150) / 30.0
-# Somebody walks to and fro, 2 m in front of a camera.
+# A person walks to and fro, 2 m in front of a camera.
 WALK = np.column_stack([np.full_like(T, 2.0), 0.8 * np.sin(0.6 * T), np.full_like(T, 0.3)])
 
 

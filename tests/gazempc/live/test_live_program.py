@@ -40,7 +40,7 @@ class Program:
         self.process.wait()
 
     def until_it_runs(self):
-        """It says so when it begins."""
+        """Until its first output, which it prints when the run begins."""
         while b"Ctrl-C stops" not in self.printed:
             ready, _, _ = select.select([self.process.stdout], [], [], FOREVER_S)
             chunk = self.process.stdout.read1() if ready else b""
@@ -50,7 +50,7 @@ class Program:
             self.printed += chunk
 
     def walk(self, seconds, rate_hz=30, stamp=lambda: time.time() - 0.03, unit_m=1.0):
-        """Somebody walks by, in real time."""
+        """Lines of a person who walks by, in real time."""
         for k in range(int(seconds * rate_hz)):
             t = k / rate_hz
             head = [2.5 / unit_m, 1.2 * math.sin(1.2 * t) / unit_m, 0.4 / unit_m]

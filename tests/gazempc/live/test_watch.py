@@ -13,7 +13,7 @@ from gazempc.sim.sensor import observe, sensor_names
 from predictors import HeadObservation
 
 TIMES_S = np.arange(28) / 30.0
-# Somebody walks by 2 m in front of the sensor, at 1.2 m/s.
+# A person walks by 2 m in front of the sensor, at 1.2 m/s.
 WALK_M = np.column_stack([np.full(28, 2.0), 1.2 * (TIMES_S - 0.45), np.full(28, 0.4)])
 
 
@@ -56,7 +56,7 @@ def test_wrong_axes_are_named_and_the_option_mends_them(axes, sent):
     np.testing.assert_allclose(back, WALK_M, atol=1e-12)
 
 
-def test_somebody_too_high_too_far_or_too_fast():
+def test_a_person_too_high_too_far_or_too_fast():
     # Seven frames here, seven frames there: two people without names.
     in_turn_m = np.where(np.arange(28)[:, None] // 7 % 2, WALK_M, np.add(WALK_M, (0, 3.0, 0)))
     for sent, mount, named in (

@@ -264,7 +264,7 @@ def test_power_that_goes_and_comes_back(rig):
     with pytest.raises(RobotError, match="check power"):
         rig.neck.send_command(np.zeros(2))
     asked = len(rig.bus.received)
-    for _ in range(100):  # within 0.1 s nobody is asked again: the loop's ticks lose no time
+    for _ in range(100):  # within 0.1 s no motor is asked again: the loop's ticks lose no time
         with pytest.raises(RobotError, match="check power"):
             rig.neck.read_state()
     assert len(rig.bus.received) == asked

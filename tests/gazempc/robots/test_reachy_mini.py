@@ -222,7 +222,7 @@ def test_unreadable_messages_are_passed_over(server, make, patient):
 # ---------------------------------------------------------------- faults
 
 
-def test_nobody_at_the_port_is_said_with_the_address_and_what_to_start():
+def test_a_missing_daemon_is_named_with_the_address_and_what_to_start():
     port = free_port()
     neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=port))
     with pytest.raises(RobotError, match=rf"ws://127.0.0.1:{port}/ws/sdk .*efused.*reachy-mini-daemon"):

@@ -77,7 +77,7 @@ def test_frames_in_a_circle_end_nowhere():
         tree.pose("a", "base")
 
 
-def test_time_that_begins_again_and_frames_that_nobody_tells_any_more():
+def test_time_that_begins_again_and_frames_that_are_no_longer_sent():
     tree = taken(("base", "head", [1.0, 0.0, 0.0], [0.0] * 3, 50.0), ("base", "gone", [0.0] * 3, [0.0] * 3, 50.0))
     # A little late: what is known already stays.
     take(tree, "base", "head", [9.0, 0.0, 0.0], [0.0] * 3, 49.9)

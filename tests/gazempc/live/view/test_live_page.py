@@ -79,7 +79,7 @@ def wait_for_text(driver, element, words):
 
 
 def shown_at(log, moments):
-    """What the page says of the time, once it shows all of them."""
+    """The time on the page, once it shows all of them."""
     snapshots, last_s = Snapshots(log.run), None
     for moment in moments:
         if snapshots.take(moment):
@@ -140,7 +140,7 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         assert driver.find_element("id", "connection").text == "live"
         again.close()
         wait_for_text(driver, "connection", "the run is over")
-        # That nobody answers is no error of a script.
+        # A connection that is refused is no error of a script.
         wrong = [each for each in driver.get_log("browser") if each["source"] != "network"]
         assert wrong == []
 

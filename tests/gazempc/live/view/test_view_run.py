@@ -85,7 +85,7 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     assert metrics["late_ms"] >= 0.0
     layout = (tmp_path / "foxglove_layout.json").read_text()
     assert all(topic in layout for topic in ("/scene", "/metrics.gaze_error_deg", "/ticks.joint_pan_rad", "/events"))
-    # And what was served is in the file, with the lateness that only a live run knows.
+    # And what was served is in the file, with the lateness, which only a live run has.
     np.testing.assert_array_equal(column(path, "/ticks", "joint_pan_rad"), log.joint_position_rad[:, 0])
     np.testing.assert_array_equal(gz.load_log(path).command_position_rad, log.command_position_rad)
     assert np.isfinite(column(path, "/metrics", "late_ms")).all()
