@@ -6,8 +6,6 @@ from functools import cache
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from builders.waiting import wait_for
-
 OPTICAL = "camera_color_optical_frame"
 TF, IDS, TEXT = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
 # The loop's clock began at this Unix time, and now it is 300.3 s later.
@@ -161,15 +159,8 @@ class Stage:
 
 
 def polled(source, count):
-    """The next observations, cues and problems, so many of them all together."""
-    found, problems = [], []
-
-    def enough():
-        arrived = source.poll()
-        found.extend(sighting.observation for sighting in arrived.sightings)
-        found.extend(arrived.cues)
-        problems.extend(arrived.problems)
-        return len(found) + len(problems) >= count
-
-    wait_for(enough)
-    return found, problems
+    """Observations and cues of a poll, and its problems; so many of them all together."""
+    arrived = source.poll()
+    found = [*(sighting.observation for sighting in arrived.sightings), *arrived.cues]
+    assert len(found) + len(arrived.problems) == count
+    return found, list(arrived.problems)

@@ -168,7 +168,7 @@ def test_a_network_camera_that_was_gone_is_opened_again():
 def test_a_video_is_played_at_its_own_pace_and_the_program_uses_it(tmp_path):
     """The whole program on a video of a rendered person: directions are those of the rendering."""
     person_at = across(2.0, 4.0)
-    film(tmp_path / "walk.mp4", person_at, 3.0)
+    film(tmp_path / "walk.mp4", person_at, 4.0)
     command = [sys.executable, "-m", "gazempc.live", "--source", "camera:walk.mp4", "--camera.fov-deg", "60"]
     command += [*PATIENT, "--no-figures", "--out", "out"]
     for _ in range(4):  # a busy machine may still start while the video plays

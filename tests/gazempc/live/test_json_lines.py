@@ -82,7 +82,7 @@ NAMED = "head_position_m"
         ({"cue": "sound"}, "azimuth_rad"),
         ({"cue": "sound", "azimuth_rad": "left"}, "azimuth_rad"),
         ({"cue": "sound", "azimuth_rad": 0, "volume": 3}, "volume"),
-        ({"cue": "glance", "target_base_m": [1, 2], "lasts_s": 1}, "target_base_m"),
+        ({"cue": "glance", "target_base_m": [1, 2, 0], "lasts_s": "long"}, "lasts_s"),
         ({"cue": "rhythm", "mode": "sleeping"}, "mode"),
     ],
 )
