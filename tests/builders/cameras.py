@@ -21,7 +21,7 @@ def studio():
         pytest.skip(str(error))
 
 
-def film(path, person_at, seconds, fps=15):
+def film(path, person_at, seconds, fps):
     """A video of a rendered person, seen from the origin."""
     import cv2
 
