@@ -1,9 +1,10 @@
-"""Names of people from picture to picture, with a detector of given faces."""
+"""Faces in a picture, and names of people from picture to picture."""
 
 import numpy as np
 import pytest
+from skimage import data
 
-from gazempc.live.sources.camera.blazeface import Face
+from gazempc.live.sources.camera.blazeface import BlazeFace, Face
 from gazempc.live.sources.camera.finder import FaceFinder, FaceSensor
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
 
@@ -122,3 +123,24 @@ def test_the_sensor_observes_all_people_by_name(faces):
     assert far.capture_time_s == near.capture_time_s
     assert far.head_position_base_m[1] > 0 > near.head_position_base_m[1]
     assert far.head_position_base_m[0] == pytest.approx(2 * near.head_position_base_m[0], rel=0.05)
+
+
+# The portrait's pupils and the tip of the nose, by eye, pixels.
+RIGHT_EYE, LEFT_EYE, NOSE = (203, 101), (246, 103), (226, 127)
+
+
+@pytest.mark.parametrize(
+    ("corner", "side"),
+    [((0, 0), 512), ((-100, -150), 700), ((150, 30), 150)],
+    ids=["whole", "beyond the edges", "the face alone"],
+)
+def test_a_face_is_found_in_pixels_of_the_picture(corner, side):
+    found = BlazeFace().faces(data.astronaut(), corner, side, 0.5)
+    assert len(found) == 1
+    assert found[0].points_px[0] == pytest.approx(RIGHT_EYE, abs=0.025 * side)
+    assert found[0].points_px[1] == pytest.approx(LEFT_EYE, abs=0.025 * side)
+    assert found[0].points_px[2] == pytest.approx(NOSE, abs=0.035 * side)
+
+
+def test_no_face_is_found_where_none_is():
+    assert BlazeFace().faces(data.astronaut(), (0, 250), 256, 0.5) == []

@@ -1,13 +1,15 @@
-"""Clocks, capture times of other clocks, and lateness."""
+"""Clocks of computer and tracker: stamps, what wrong ones look like, offset and drift; and lateness."""
 
+import re
 import time
 
 import numpy as np
 import pytest
 
-from gazempc.live.clock import RealClock
+from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.live.logs import Lateness
-from gazempc.live.stamps import PER_SECOND, StampReader, Stamps
+from gazempc.live.stamps import PER_SECOND, ClockOffset, Frame, SetupHints, StampReader, Stamps, judge_stamps
+from gazempc.live.summary import last_line
 
 
 def test_the_real_clock_never_wakes_early_and_does_not_wait_for_the_past():
@@ -81,3 +83,162 @@ def test_percentiles_of_lateness_are_numpy_s_within_a_bin():
     for limit_ms in (0.1, 1.0, 5.0, 150.0):
         near = np.sum(np.abs(clipped - limit_ms) <= 0.011)
         assert abs(lateness.beyond(limit_ms) - np.sum(clipped >= limit_ms)) <= near
+
+
+HEAD = np.array([2.0, 0.0, 0.4])
+# What the computer's clocks show at the zero of the loop's.
+UNIX_S, MONOTONIC_S = -CLOCK.from_unix_s(0.0), -CLOCK.from_monotonic_s(0.0)
+ARRIVALS_S = 5.0 + np.arange(28) / 30.0
+LATE_S = 0.04
+
+
+def frames_of(stamps, reader):
+    """What becomes of stamps that arrive at 30 Hz."""
+    captures_s = [reader.loop_s(float(stamp), at_s) for stamp, at_s in zip(stamps, ARRIVALS_S, strict=True)]
+    return [Frame(at_s, each_s, HEAD, HEAD, None) for at_s, each_s in zip(ARRIVALS_S, captures_s, strict=True)]
+
+
+def judged(stamps, settings=None, hints=None):
+    reader = StampReader(settings or Stamps(), CLOCK)
+    found = judge_stamps(frames_of(stamps, reader), 0.5, reader, CLOCK, hints or SetupHints())
+    return None if found is None else (str(found.event), found.text)
+
+
+def unix(off_s=0.0, per_s=1.0):
+    return per_s * (UNIX_S + ARRIVALS_S - LATE_S + off_s)
+
+
+def monotonic(per_s=1.0):
+    return per_s * (MONOTONIC_S + ARRIVALS_S - LATE_S)
+
+
+WRONG = {
+    "milliseconds": (unix(per_s=1e3), "--stamps.unit ms"),
+    "monotonic": (monotonic(), "--stamps.clock monotonic"),
+    "behind": (unix(-37.3), "--stamps.clock other"),
+    "milliseconds of another clock": (unix(-37.3, 1e3), "--stamps.clock other --stamps.unit ms"),
+    "simulated time": (20.0 + 0.3 * ARRIVALS_S, "--stamps.clock arrival"),
+    # A whole second passes in the middle of them, whenever the test runs.
+    "whole seconds": (np.floor(unix(-(unix()[14] % 1.0))), "--stamps.clock arrival"),
+    "standing": (np.full(28, unix()[0]), "--stamps.clock arrival"),
+    "slow": (unix(-0.76), "--stamps.clock other"),
+}
+
+
+@pytest.mark.parametrize(("stamps", "mend"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_stamps_are_named_and_the_option_mends_them(stamps, mend):
+    event, text = judged(stamps)
+    assert event == "wrong_clock"
+    assert text.endswith(mend) or f"{mend}," in text
+    options = dict(re.findall(r"--stamps\.(clock|unit) (\w+)", text))
+    mended = Stamps(**options)
+    assert judged(stamps, mended) is None
+    reader = StampReader(mended, CLOCK)
+    ages_s = np.array([frame.arrival_s - frame.capture_s for frame in frames_of(stamps, reader)])
+    assert np.all((ages_s >= 0.0) & (ages_s < 0.1))
+
+
+@pytest.mark.parametrize(
+    "settings", [Stamps(), Stamps(unit="ms"), Stamps(clock="monotonic"), Stamps(clock="monotonic", unit="ns")]
+)
+def test_right_stamps_are_not_complained_of(settings):
+    per_s = {"s": 1.0, "ms": 1e3, "ns": 1e9}[settings.unit]
+    assert judged(unix(per_s=per_s) if settings.clock == "unix" else monotonic(per_s), settings) is None
+
+
+def test_the_words_are_those_of_python_or_of_a_source_of_one_s_own():
+    assert 'clock="other"' in judged(unix(-37.3), hints=SetupHints(python=True))[1]
+    hints = SetupHints(own_source=True)
+    for clock, off_s, named in ((CLOCK, UNIX_S, "clock.from_unix_s"), (SimulatedClock(), -3.0, "3 s behind")):
+        frames = [Frame(at_s, off_s + at_s, HEAD, HEAD, None) for at_s in ARRIVALS_S]
+        assert named in judge_stamps(frames, 0.5, None, clock, hints).text
+
+
+LATENCY_S = 0.066
+
+
+def stream(duration_s=20.0, rate_hz=30.0, jitter_s=0.01, seed=0):
+    """Capture times and arrivals: latency and exponential jitter, in order."""
+    rng = np.random.default_rng(seed)
+    captures_s = np.arange(0.0, duration_s, 1 / rate_hz)
+    return captures_s, np.maximum.accumulate(captures_s + LATENCY_S + jitter_s * rng.exponential(size=captures_s.size))
+
+
+def read(stamps_s, arrivals_s):
+    """Capture times as they are used, and what is said."""
+    offset = ClockOffset(0.05, SetupHints())
+    used_s = [stamp + offset.shift_s(at_s, stamp) for stamp, at_s in zip(stamps_s, arrivals_s, strict=True)]
+    return np.array(used_s), "" if offset.finding is None else offset.finding.text
+
+
+@pytest.mark.parametrize(("ahead_s", "rate_hz"), [(0.1, 30), (7200.0, 10), (-3.0, 100), (-1.7e9, 30)])
+def test_a_clock_that_is_off_is_made_up_for_within_a_second(ahead_s, rate_hz):
+    captures_s, arrivals_s = stream(5.0, rate_hz)
+    used_s, said = read(captures_s + ahead_s, arrivals_s)
+    error_s = (used_s - captures_s)[captures_s > 1.0]
+    # The soonest frames are taken to be 0.05 s old, and are 0.066 s.
+    assert np.abs(error_s - (LATENCY_S - 0.05)).max() < 0.01
+    assert "ahead" in said if ahead_s > 0 else "behind" in said
+    assert "--stamps.clock other" in said
+
+
+@pytest.mark.parametrize("ahead_s", [0.2, 3600.0])
+def test_a_clock_that_was_ahead_for_a_second_does_not_shut_its_tracker_out(ahead_s):
+    captures_s, arrivals_s = stream()
+    used_s, _ = read(captures_s + ahead_s * ((captures_s >= 8.0) & (captures_s < 9.0)), arrivals_s)
+    assert np.abs(used_s - captures_s)[captures_s > 11.5].max() < 0.02
+
+
+def test_a_clock_that_is_one_percent_fast_is_made_up_for():
+    captures_s, arrivals_s = stream(60.0)
+    used_s, said = read(1.01 * captures_s, arrivals_s)
+    assert np.abs(used_s - captures_s).max() < 0.07
+    assert np.abs(used_s - captures_s)[captures_s > 12.0].max() < 0.02
+    assert np.all(used_s < arrivals_s)
+    assert "runs 1.0 % fast" in said or "runs 0.9 % fast" in said
+
+
+def harmless(captures_s, arrivals_s):
+    """What is no wrong clock, or cannot be told from a slow tracker."""
+    rng = np.random.default_rng(1)
+    pause = np.where((captures_s > 5.0) & (captures_s < 7.0), 7.0 + LATENCY_S, arrivals_s)
+    return {
+        "good": (captures_s, arrivals_s),
+        "ppm": (captures_s * (1 + 1e-4), arrivals_s),
+        "ppm slow": (captures_s * (1 - 1e-4), arrivals_s),
+        "0.04 s ahead": (captures_s + 0.04, arrivals_s),
+        "0.3 s behind": (captures_s - 0.3, arrivals_s),
+        "a pause": (captures_s, np.maximum(pause, arrivals_s)),
+        "one stamp in twenty is wrong": (captures_s + 0.3 * (rng.random(captures_s.size) < 0.05), arrivals_s),
+        "falls behind": (captures_s, arrivals_s + 0.01 * captures_s),
+        "slower from 8 s on": (captures_s, arrivals_s + 0.1 * (captures_s > 8.0)),
+        "milliseconds": (1e3 * captures_s, arrivals_s),
+        "whole seconds": (np.floor(captures_s), arrivals_s),
+    }
+
+
+def test_what_is_no_wrong_clock_is_left_alone():
+    for kind, (stamps_s, arrivals_s) in harmless(*stream()).items():
+        used_s, said = read(stamps_s, arrivals_s)
+        assert said == "", kind
+        assert np.array_equal(used_s, stamps_s)
+
+
+@pytest.mark.parametrize("drift", [-0.01, 0.01])
+def test_the_clock_other_follows_drift_both_ways(drift):
+    captures_s, arrivals_s = stream(60.0)
+    reader = StampReader(Stamps(clock="other", latency_s=LATENCY_S), RealClock())
+    stamps_s = 1000.0 + (1.0 + drift) * captures_s
+    used_s = np.array([reader.loop_s(*each) for each in zip(stamps_s, arrivals_s, strict=True)])
+    assert np.abs(used_s - captures_s)[captures_s > 12.0].max() < 0.02
+
+
+def test_the_last_line_says_why_observations_were_not_used():
+    for refused, ages, line in (
+        ({}, (None, None), "5 of 5 used"),
+        ({"future_observation": 360}, (-0.05, -0.04), "5 of 365 used: 360 future (clock 0.1 s ahead?)"),
+        ({"stale_observation": 9}, (0.7, 0.8), "5 of 14 used: 9 stale (clock 0.8 s behind, or slow?)"),
+        ({"gate_refused": 3, "sender_refused": 2}, (None, None), "5 of 10 used: 3 gate, 2 sender"),
+    ):
+        summary = {"used": 5, "observations": 5 + sum(refused.values()), "refused": refused, "soonest_age_s": ages}
+        assert last_line(summary | {"settings": {"stamps": {"latency_s": 0.05}}}) == line

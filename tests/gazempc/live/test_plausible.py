@@ -1,4 +1,4 @@
-"""Heads that cannot be are refused; what people and trackers do is not."""
+"""What arrives is watched: heads that cannot be are refused; wrong unit, axes, rate and names are findings."""
 
 import dataclasses
 
@@ -8,8 +8,14 @@ from builders.checks import assert_sound
 from builders.faults import between
 from builders.live import run_live
 
-from gazempc.live.plausibility import Plausibility
+from gazempc.live.clock import SimulatedClock
+from gazempc.live.mount import Mount
+from gazempc.live.plausibility import Plausibility, Watch, judge_ids, judge_place, judge_rate
+from gazempc.live.stamps import Frame, SetupHints
 from gazempc.settings import LoopSettings
+from gazempc.sim.scene import SceneSettings, make_scene
+from gazempc.sim.sensor import observe, sensor_names
+from predictors import HeadObservation
 
 FRAME_S = 1 / 30
 
@@ -77,3 +83,132 @@ def test_refused_heads_are_counted_by_name_and_limit_the_speed_while_one_is_near
     assert fastest_rad_s[slow].max() <= speed_rad_s * (1 + 1e-6)
     assert fastest_rad_s[now_s < 1.5].max() > 2.0 * speed_rad_s
     assert fastest_rad_s[now_s > 3.6].max() > 2.0 * speed_rad_s
+
+
+TIMES_S = np.arange(28) / 30.0
+# A person walks by 2 m in front of the sensor, at 1.2 m/s.
+WALK_M = np.column_stack([np.full(28, 2.0), 1.2 * (TIMES_S - 0.45), np.full(28, 0.4)])
+
+
+def judged_place(sent, mount=None, names=None, times_s=TIMES_S):
+    mount = mount or Mount()
+    frames = []
+    for k, head in enumerate(sent):
+        seen = mount.in_sensor(HeadObservation(float(times_s[k]), np.array(head)))
+        base_m = mount.to_base(seen, None, None).head_position_base_m
+        name = None if names is None else names[k]
+        frames.append(Frame(times_s[k] + 0.05, times_s[k], seen.head_position_base_m, base_m, name))
+    return [(str(event), text) for event, text in judge_place(frames, times_s, mount, SetupHints())]
+
+
+@pytest.mark.parametrize("unit_m", [0.001, 0.01, 0.0254, 1000.0])
+def test_a_wrong_unit_is_named_and_the_option_mends_it(unit_m):
+    sent = WALK_M / unit_m
+    ((event, text),) = judged_place(sent)
+    assert event == "wrong_unit"
+    assert f"--mount.unit-m {unit_m}" in text
+    assert judged_place(sent, Mount(unit_m=unit_m)) == []
+
+
+# The same walk as trackers with other axes state it: columns and signs written out by hand.
+AXES = {
+    "optical": WALK_M[:, [1, 2, 0]] * [-1, -1, 1],
+    "opengl": WALK_M[:, [1, 2, 0]] * [-1, 1, -1],
+    "unity": WALK_M[:, [1, 2, 0]] * [-1, 1, 1],
+}
+
+
+@pytest.mark.parametrize(("axes", "sent"), AXES.items(), ids=AXES.keys())
+def test_wrong_axes_are_named_and_the_option_mends_them(axes, sent):
+    ((event, text),) = judged_place(sent)
+    assert event == "wrong_axes"
+    assert f"--mount.axes {axes}" in text
+    mended = Mount(axes=axes)
+    assert judged_place(sent, mended) == []
+    back = [mended.in_sensor(HeadObservation(0.0, head)).head_position_base_m for head in sent]
+    np.testing.assert_allclose(back, WALK_M, atol=1e-12)
+
+
+def test_a_person_too_high_too_far_or_too_fast():
+    # Seven frames here, seven frames there: two people without names.
+    in_turn_m = np.where(np.arange(28)[:, None] // 7 % 2, WALK_M, np.add(WALK_M, (0, 3.0, 0)))
+    for sent, mount, named in (
+        (WALK_M, Mount(position_m=(0.0, 0.0, 3.0)), "--mount.position-m"),
+        (np.add(WALK_M, (22000.0, 0, 0)), None, "22002 m"),
+        (WALK_M * [1.0, 8.0, 1.0], None, " m/s"),
+        (in_turn_m, None, "person_id"),
+    ):
+        ((event, text),) = judged_place(sent, mount)
+        assert event == "implausible_person"
+        assert named in text
+    assert judged_place(WALK_M) == []
+    two_m = WALK_M + np.column_stack([np.zeros(28), 2.5 * (np.arange(28) % 3 == 0), np.zeros(28)])
+    assert judged_place(two_m, names=["a" if k % 3 == 0 else "b" for k in range(28)]) == []
+
+
+HEAD = np.array([2.0, 0.0, 0.4])
+
+
+def named(names):
+    return [Frame(0.03 * k, 0.03 * k, HEAD, HEAD, name) for k, name in enumerate(names)]
+
+
+@pytest.mark.parametrize(("rate_hz", "named"), [(30.0, ""), (6.5, ""), (5.0, "5.0"), (0.8, "--loop.lost-after-s")])
+def test_rare_frames_are_told_from_the_median_of_their_intervals(rate_hz, named):
+    found = judge_rate(np.arange(0.0, 4.0, 1.0 / rate_hz), 1.0, SetupHints())
+    assert [named in each.text for each in found] == [True] * bool(named)
+    # Each person of a frame has its time; a gap is no rate.
+    twice = np.repeat(np.arange(0.0, 1.0, 1.0 / 30.0), 2)
+    assert judge_rate(np.append(twice, [3.0, 3.03]), 1.0, SetupHints()) == []
+
+
+def test_a_slow_tracker_and_a_person_who_is_rarely_found_are_told_apart():
+    every_250_ms = np.arange(0.0, 4.0, 0.25)
+    rare_s = np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]]))
+    for times_s, cause in ((every_250_ms, "camera"), (rare_s, "rarely found")):
+        (finding,) = judge_rate(times_s, 1.0, SetupHints())
+        assert cause in finding.text
+
+
+def test_a_name_for_each_frame_is_no_name():
+    (found,) = judge_ids(named(map(str, range(10))), SetupHints())
+    assert found.event == "new_id_each_frame"
+    assert "--no-use-ids" in found.text
+    for names in (["a"] * 10, ["a", "b"] * 5, [None] * 10):
+        assert judge_ids(named(names), SetupHints()) == []
+
+
+def frames(*people_m, seconds=2.0, name=lambda k, i: None):
+    for k in range(int(30 * seconds)):
+        for i, at_m in enumerate(people_m):
+            head_m = np.array(at_m, dtype=float)
+            yield Frame(k / 30 + 0.05, k / 30, head_m, head_m, name(k, i))
+
+
+def said(given):
+    watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints(), several=True), []
+    for frame in given:
+        watch.see(frame)
+        found += [str(finding.event) for finding in watch.findings(frame.arrival_s)]
+    return found
+
+
+LEFT, RIGHT = [2.0, 1.5, 0.3], [2.5, -1.5, 0.3]
+
+
+def test_a_wrong_unit_and_new_names_are_noticed_among_several_who_need_no_names():
+    assert said(frames(LEFT, RIGHT, [4.0, 0.0, 0.2])) == []
+    millimetres = [list(1e3 * np.array(at_m)) for at_m in (LEFT, RIGHT)]
+    assert said(frames(*millimetres)) == ["wrong_unit"]
+    assert said(frames(LEFT, RIGHT, name=lambda k, i: f"{2 * k + i}")) == ["new_id_each_frame"]
+
+
+@pytest.mark.parametrize("sensor", sensor_names())
+def test_good_data_are_not_complained_of(sensor):
+    scene = make_scene("subject01_R1", SceneSettings(sensor=sensor))
+    watch = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints())
+    for sighting in observe(scene.walk, scene.sensor, 0):
+        seen = sighting.observation
+        assert list(watch.findings(sighting.arrival_s)) == []
+        head_m = seen.head_position_base_m
+        watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head_m, head_m, seen.person_id))
