@@ -18,7 +18,6 @@ from gazempc.robots.mujoco import MujocoNeck
 from gazempc.sim.simulated import SimulatedNeck
 
 NECK = load_neck("reference")
-TS = NECK.servo_period_s
 GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.07, 0.01, 0.05), eye_in_tilt_m=(0.06, -0.03, 0.08))
 
 
