@@ -4,7 +4,7 @@ import re
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -13,6 +13,7 @@ from ipycam.config import CameraConfig
 from ipycam.onvif import ONVIFService
 
 from builders.visca import SharedNeck
+from gazempc.errors import RobotError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import ViscaOptions
 from gazempc.robots.ptz_emulator import EMULATOR
@@ -144,8 +145,9 @@ class EmulatedCamera:
 
     def _work(self) -> None:
         while not self._closing.wait(0.02):
-            self._robot.send_command(self._speeds_rad_s)
-            self._state = self._robot.read_state() or self._state
+            with suppress(RobotError):  # a busy machine answers late
+                self._robot.send_command(self._speeds_rad_s)
+                self._state = self._robot.read_state() or self._state
 
 
 @contextmanager
