@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from experiments.paper.frames import HORIZONS_S, Against, Frames, filter_time_s, frames_of
+from experiments.paper.frames import GROUPS, HORIZONS_S, Against, Frames, filter_time_s, frames_of
 from experiments.paper.published import HORIZON_S, PUBLISHED
 from experiments.paper.validation import exact_weight
 
@@ -26,37 +25,15 @@ Rows = Sequence[dict[str, Any]]
 AGAINST: tuple[Against, ...] = ("filtered", "true")
 
 
-@dataclass(frozen=True)
-class FilterRow:
-    """Mean errors of one group with one filter, measured in one way.
-
-    Attributes:
-        filter_time_s: Time constant of the position filter.
-        against: What the forecast is compared with.
-        horizon_s: How far ahead.
-        group: R12, R34 or R56.
-        baseline_mm: Mean over frames without the rule.
-        weight: The w that is best for all groups together, with this filter.
-        error_at_weight_mm: Mean over the group's frames with that w.
-    """
-
-    filter_time_s: float
-    against: Against
-    horizon_s: float
-    group: str
-    baseline_mm: float
-    weight: float
-    error_at_weight_mm: float
-
-
-def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[FilterRow]:
+def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
     """Sweep the filter's time constant against w.
 
     Args:
         rows_by_time: For each time constant the rows of `experiments.paper.frames.labelled`.
 
     Returns:
-        One row for each time constant, way to measure, horizon and group.
+        One row for each time constant, way to measure, horizon and group: the mean errors over the group's frames
+        without the rule and with the w that is best for all groups together, with this filter.
     """
     table = []
     for time_s, rows in rows_by_time.items():
@@ -66,10 +43,11 @@ def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[Filter
                 if not videos:
                     continue
                 weight = exact_weight(videos)
+                way = {"filter_time_s": time_s, "against": against, "horizon_s": horizon_s}
                 for group in groups_in(videos):
                     own = [v for v in videos if v.group == group]
-                    errors_mm = mean_mm(own, 0.0), weight, mean_mm(own, weight)
-                    table.append(FilterRow(time_s, against, horizon_s, group, *errors_mm))
+                    errors = {"baseline_mm": mean_mm(own, 0.0), "weight": weight}
+                    table.append(way | {"group": group} | errors | {"error_at_weight_mm": mean_mm(own, weight)})
     return table
 
 
@@ -84,7 +62,7 @@ def mean_mm(videos: Sequence[Frames], weight: float) -> float:
     return float(np.concatenate([v.error_mm(weight) for v in videos]).mean())
 
 
-def closest_time_s(table: Sequence[FilterRow], against: Against, horizon_s: float = HORIZON_S) -> float:
+def closest_time_s(table: Rows, against: Against, horizon_s: float = HORIZON_S) -> float:
     """The time constant whose baseline errors are nearest to the published ones.
 
     Args:
@@ -95,10 +73,15 @@ def closest_time_s(table: Sequence[FilterRow], against: Against, horizon_s: floa
     Returns:
         The time constant with the least root mean square of the errors' log ratios.
     """
-    return min(dict.fromkeys(r.filter_time_s for r in table), key=lambda t: misfit(table, t, against, horizon_s))
+    times_s: list[float] = [r["filter_time_s"] for r in table]
+    return min(times_s, key=lambda time_s: misfit(table, time_s, against, horizon_s))
 
 
-def misfit(table: Sequence[FilterRow], time_s: float, against: Against, horizon_s: float = HORIZON_S) -> float:
+def _of_way(table: Rows, time_s: float, against: Against, horizon_s: float) -> list[dict[str, Any]]:
+    return [r for r in table if (r["filter_time_s"], r["against"], r["horizon_s"]) == (time_s, against, horizon_s)]
+
+
+def misfit(table: Rows, time_s: float, against: Against, horizon_s: float = HORIZON_S) -> float:
     """By how much the baseline errors of a filter differ from the published ones.
 
     Args:
@@ -111,15 +94,12 @@ def misfit(table: Sequence[FilterRow], time_s: float, against: Against, horizon_
         Root mean square over the groups of the natural logarithm of their ratio: 0.1 stands for about 10 %.
     """
     published = {p.group: p.baseline_mm for p in PUBLISHED}
-    ratios = [
-        math.log(r.baseline_mm / published[r.group])
-        for r in table
-        if (r.filter_time_s, r.against, r.horizon_s) == (time_s, against, horizon_s)
-    ]
+    own = _of_way(table, time_s, against, horizon_s)
+    ratios = [math.log(r["baseline_mm"] / published[r["group"]]) for r in own]
     return math.sqrt(sum(x**2 for x in ratios) / len(ratios))
 
 
-def nearest_at(table: Sequence[FilterRow], horizon_s: float) -> list[dict[str, Any]]:
+def nearest_at(table: Rows, horizon_s: float) -> list[dict[str, Any]]:
     """Filters whose baseline errors are nearest to the published ones.
 
     Args:
@@ -130,31 +110,25 @@ def nearest_at(table: Sequence[FilterRow], horizon_s: float) -> list[dict[str, A
         For each way to measure the filter, its misfit, and its errors by group; empty without rows of the horizon.
     """
     nearest: list[dict[str, Any]] = []
-    table = [r for r in table if r.horizon_s == horizon_s]
+    table = [r for r in table if r["horizon_s"] == horizon_s]
     if not table:
         return nearest
     for against in AGAINST:
         time_s = closest_time_s(table, against, horizon_s)
-        own = [r for r in table if (r.filter_time_s, r.against, r.horizon_s) == (time_s, against, horizon_s)]
+        own = _of_way(table, time_s, against, horizon_s)
         nearest.append(
             {
                 "against": against,
                 "filter_time_s": time_s,
                 "misfit": misfit(table, time_s, against, horizon_s),
-                "baseline_mm": {r.group: r.baseline_mm for r in own},
-                "proposed_mm": {r.group: r.error_at_weight_mm for r in own},
-                "weight": own[0].weight,
+                "baseline_mm": {r["group"]: r["baseline_mm"] for r in own},
+                "proposed_mm": {r["group"]: r["error_at_weight_mm"] for r in own},
+                "weight": own[0]["weight"],
             }
         )
     return nearest
 
 
-def known_groups(rows: Rows) -> list[str]:
-    """Codes of the groups that the rows have frames of."""
-    return groups_in(frames_of(rows))
-
-
-_GROUPS = {p.label: p.group for p in PUBLISHED}
 # At this turn the error of a straight forecast is largest: 1.26 times the way.
 _LARGEST_TURN_RAD = 4.085
 
@@ -204,7 +178,7 @@ def turns_needed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """
     table = []
     for published in PUBLISHED:
-        own = [r for r in rows if _GROUPS.get(r["group"]) == published.group and r.get("speed_m_s")]
+        own = [r for r in rows if GROUPS.get(r["group"]) == published.group and r.get("speed_m_s")]
         if not own:
             continue
         speed_m_s = float(np.median(np.concatenate([r["speed_m_s"] for r in own])))

@@ -37,7 +37,7 @@ HORIZONS_S = (HORIZON_S, 2.0 * HORIZON_S)
 POSITION_NOISE_M = 0.01
 # Over a longer gap between frames the filtered position is not known.
 _GAP_S = 0.1
-_GROUPS = {p.label: p.group for p in PUBLISHED}
+GROUPS = {p.label: p.group for p in PUBLISHED}
 
 
 def filter_time_s(acceleration_psd: float, position_noise_m: float = POSITION_NOISE_M) -> float:
@@ -152,7 +152,7 @@ def frames_of(
     """
     found = []
     for row in rows:
-        if row["failed"] or row["left_out"] or row["group"] not in _GROUPS:
+        if row["failed"] or row["left_out"] or row["group"] not in GROUPS:
             continue
         errors = row["horizons"][HORIZONS_S.index(horizon_s)]
         base_m = np.array(errors[against])
@@ -160,7 +160,7 @@ def frames_of(
             continue
         turn = errors["turn"][rule]
         yaw_deg = np.array([np.nan if y is None else y for y in turn["yaw_deg"]], dtype=np.float64)
-        group = _GROUPS[row["group"]]
+        group = GROUPS[row["group"]]
         found.append(Frames(row["recording"], row["subject"], group, base_m, np.array(turn["turn_m"]), yaw_deg))
     return found
 

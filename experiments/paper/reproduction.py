@@ -19,49 +19,20 @@ from pydantic import Field
 from scipy.stats import spearmanr
 from tqdm import tqdm
 
-from experiments.aggregate import bootstrap_mean
+from experiments.aggregate import with_interval
 from experiments.engine.choices import find_recordings, in_place
 from experiments.engine.command import Command, WorkSettings, check, check_optuna, exit_status
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.paper.filters import (
-    AGAINST,
-    FILTER_TIMES_S,
-    SLOW_TIME_S,
-    TUNED_TIME_S,
-    Rows,
-    closest_time_s,
-    known_groups,
-    mean_mm,
-    misfit,
-    nearest_at,
-    sweep,
-    turns_needed,
-)
+from experiments.paper import filters, validation
+from experiments.paper.filters import TUNED_TIME_S, Rows, mean_mm
 from experiments.paper.findings import draw_bars, report, side_by_side
-from experiments.paper.frames import HORIZONS_S, RULES, FrameJob, Frames, frames_of, labelled
-from experiments.paper.published import (
-    PUBLISHED,
-    SIGNIFICANCE_LEVEL,
-    W_MEAN,
-    W_READINGS,
-    W_SD,
-    implied_frames,
-)
-from experiments.paper.validation import (
-    ALTERNATIVE,
-    ZERO_METHOD,
-    Judged,
-    PersonTest,
-    as_row,
-    exact_weight,
-    frame_test,
-    leave_one_subject_out,
-    person_test,
-)
+from experiments.paper.frames import GROUPS, HORIZONS_S, RULES, FrameJob, Frames, frames_of, labelled
+from experiments.paper.published import PUBLISHED, SIGNIFICANCE_LEVEL, W_MEAN, W_READINGS, W_SD, implied_frames
+from experiments.paper.validation import ALTERNATIVE, ZERO_METHOD, Judged, exact_weight, frame_test, person_test
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
-from gazempc.results.run_summary import versions
+from gazempc.results.run_summary import versions, without_nan
 
 TURNING = ("R34", "R56")
 YAW_WEIGHT = W_READINGS[1]
@@ -82,15 +53,15 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
     Raises:
         GazempcError: If there are fewer than two subjects.
     """
-    table = sweep(rows_by_time)
-    smooth = {against: closest_time_s(table, against) for against in AGAINST}
+    table = filters.sweep(rows_by_time)
+    smooth = {against: filters.closest_time_s(table, against) for against in filters.AGAINST}
     ways = [("filtered", filter_time_s), *smooth.items()]
-    rule_times_s = tuple(dict.fromkeys((filter_time_s, SLOW_TIME_S)))
+    rule_times_s = tuple(dict.fromkeys((filter_time_s, filters.SLOW_TIME_S)))
     total = len(ways) + 1 + len(rule_times_s) * len(RULES)
     bar = tqdm(total=total, unit="validation", file=sys.stderr, mininterval=1.0)
 
     def validate(videos: Sequence[Frames], balanced: bool = False) -> list[Judged]:
-        judged = leave_one_subject_out(videos, seed, trials, balanced)
+        judged = validation.leave_one_subject_out(videos, seed, trials, balanced)
         bar.update()
         return judged
 
@@ -109,32 +80,30 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
         "test": {"zero_method": ZERO_METHOD, "alternative": f"baseline {ALTERNATIVE}", "level": SIGNIFICANCE_LEVEL},
         "balanced": {**_validated(balanced), "w_exact_all_subjects": exact_weight(videos, balanced=True)},
         "published_weights": [{"weight": w, **_validated(_with_weight(videos, w))} for w in W_READINGS],
-        "rules": [row for time_s, rule, own in rules for row in _rule_rows(time_s, rule, own)],
+        "rules": [
+            {"filter_time_s": time_s, "rule": rule, "w_mean": _weights(own)["w_mean"], **row}
+            for time_s, rule, own in rules
+            for row in _person_tests(own)
+        ],
         "yaw": _yaw(rows_by_time[filter_time_s]),
         "published": {
-            "groups": [{**asdict(p), "implied_frames": _without_nan(asdict(implied_frames(p)))} for p in PUBLISHED],
+            "groups": [{**asdict(p), "implied_frames": without_nan(asdict(implied_frames(p)))} for p in PUBLISHED],
             "w_mean": W_MEAN,
             "w_sd": W_SD,
         },
-        "filters": [asdict(row) for row in table],
+        "filters": table,
         "nearest": [
-            {
-                "against": against,
-                "filter_time_s": time_s,
-                "misfit": misfit(table, time_s, against),
-                **_validated(own),
-            }
-            for against, time_s, own in others
+            {"against": against, "filter_time_s": t, "misfit": filters.misfit(table, t, against), **_validated(own)}
+            for against, t, own in others
         ],
-        "nearest_at_one_second": nearest_at(table, HORIZONS_S[1]),
-        "turns": turns_needed(rows_by_time[filter_time_s]),
+        "nearest_at_one_second": filters.nearest_at(table, HORIZONS_S[1]),
+        "turns": filters.turns_needed(rows_by_time[filter_time_s]),
     }
 
 
 def _validated(judged: Sequence[Judged]) -> dict[str, Any]:
     """Means over frames, the tests over people, and the weights."""
-    people = [{"group": group, **as_row(test)} for group, test in _person_tests(judged).items()]
-    return {"groups": _groups(judged), **_weights(judged), "people": people}
+    return {"groups": _groups(judged), **_weights(judged), "people": _person_tests(judged)}
 
 
 def _groups(judged: Sequence[Judged]) -> list[dict[str, Any]]:
@@ -143,15 +112,13 @@ def _groups(judged: Sequence[Judged]) -> list[dict[str, Any]]:
         own = [j for j in judged if j.group == published.group]
         if not own:
             continue
-        test = frame_test(own)
         people = [j.subject for j in own for _ in j.baseline_mm]
         row: dict[str, Any] = {"group": published.group, "n_videos": len(own), "n_people": len(set(people))}
         for name in ("baseline_mm", "proposed_mm"):
             # As in the paper every frame weighs the same; people are the independent draws.
-            row[name], low, high = bootstrap_mean(np.concatenate([getattr(j, name) for j in own]).tolist(), people)
-            row[f"{name}_ci95"] = [low, high] if np.isfinite(low) else None
-        as_dict = as_row(test)
-        rows.append({**row, "wilcoxon_statistic": as_dict.pop("statistic"), **as_dict})
+            row |= with_interval(name, np.concatenate([getattr(j, name) for j in own]).tolist(), people)
+        test = frame_test(own)
+        rows.append({**row, "wilcoxon_statistic": test.pop("statistic"), **test})
     return rows
 
 
@@ -161,28 +128,15 @@ def _weights(judged: Sequence[Judged]) -> dict[str, Any]:
     return {"w_mean": float(values.mean()), "w_sd": float(values.std(ddof=1)), "weights": weights}
 
 
-def _person_tests(judged: Sequence[Judged]) -> dict[str, PersonTest]:
+def _person_tests(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     pools = {p.group: (p.group,) for p in PUBLISHED} | {"R34+R56": TURNING}
     chosen = {name: [j for j in judged if j.group in groups] for name, groups in pools.items()}
-    return {name: person_test(own) for name, own in chosen.items() if own}
+    return [{"group": name, **person_test(own)} for name, own in chosen.items() if own]
 
 
 def _with_weight(videos: Sequence[Frames], weight: float) -> list[Judged]:
     """The rule as it would be used with a weight from the paper, without tuning."""
     return [Judged(v.recording, v.subject, v.group, weight, v.error_mm(0.0), v.error_mm(weight)) for v in videos]
-
-
-def _rule_rows(time_s: float, rule: str, judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    return [
-        {
-            "filter_time_s": time_s,
-            "rule": rule,
-            "group": group,
-            "w_mean": _weights(judged)["w_mean"],
-            **as_row(test),
-        }
-        for group, test in _person_tests(judged).items()
-    ]
 
 
 def _yaw(rows: Rows) -> dict[str, Any]:
@@ -199,20 +153,14 @@ def _yaw(rows: Rows) -> dict[str, Any]:
             continue
         offset_deg.append(float(yaw_deg.mean()))
         cost_mm.append(mean_mm(own, YAW_WEIGHT) - mean_mm(own, 0.0))
-    several = len(people) > 2
+    correlation = spearmanr(np.abs(offset_deg), cost_mm).statistic if len(people) > 2 else None
     return {
         "weight": YAW_WEIGHT,
         "people": people,
         "mean_yaw_deg": offset_deg,
         "cost_mm": cost_mm,
-        "rank_correlation_of_offset_and_cost": float(spearmanr(np.abs(offset_deg), cost_mm).statistic)
-        if several
-        else None,
+        "rank_correlation_of_offset_and_cost": None if correlation is None else float(correlation),
     }
-
-
-def _without_nan(figures: dict[str, Any]) -> dict[str, Any]:
-    return {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in figures.items()}
 
 
 class PaperSettings(WorkSettings):
@@ -283,8 +231,7 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     first = rows_by_time[settings.filter_time_s]
     failed = {r["source"]: r["failed"] for r in first if r["failed"]}
     left_out = {r["source"]: r["left_out"] for r in first if r["left_out"]}
-    groups = known_groups(first)
-    if not groups:
+    if not frames_of(first):
         raise GazempcError(
             f"{word}: no recording can be scored; needed: groups straight, turn or sharp and more than half a second "
             f"within the sensor's range"
@@ -294,7 +241,7 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
         "data": word,
         "kinds": sorted({r["kind"] for r in first if r["kind"]}),
         "n_recordings": len(recordings),
-        "without_group": [r["source"] for r in first if not r["failed"] and r["group"] not in _LABELS],
+        "without_group": [r["source"] for r in first if not r["failed"] and r["group"] not in GROUPS],
         "left_out": left_out,
         "failed": failed,
         **analyse(rows_by_time, settings.filter_time_s, settings.seed, settings.trials),
@@ -310,12 +257,9 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     return summary
 
 
-_LABELS = ("straight", "turn", "sharp")
-
-
 def _rows(recordings: Sequence[str], folder: Path, settings: PaperSettings) -> dict[float, list[dict[str, Any]]]:
-    times_s = sorted({*FILTER_TIMES_S, settings.filter_time_s})
-    with_all_rules = {settings.filter_time_s, SLOW_TIME_S}
+    times_s = sorted({*filters.FILTER_TIMES_S, settings.filter_time_s})
+    with_all_rules = {settings.filter_time_s, filters.SLOW_TIME_S}
     # Recording by recording, so that a worker reads each file once.
     asked = [(name, time_s) for name in recordings for time_s in times_s]
     jobs = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.stats import PermutationMethod, rankdata, wilcoxon
 from experiments.paper.frames import Frames
 from experiments.paper.published import STEPS_AHEAD
 from gazempc.errors import GazempcError
+from gazempc.results.run_summary import without_nan
 from gazempc.types import FloatArray
 
 
@@ -136,82 +137,51 @@ _FEWEST_FOR_INTERVAL = 5
 _SEED = 20210603
 
 
-@dataclass(frozen=True)
-class FrameTest:
-    """One-tailed Wilcoxon signed-rank test over frames, as in the paper.
-
-    Attributes:
-        statistic: Sum of the ranks of frames at which the baseline errs more.
-        p_value: Of "the baseline errs more", by the normal approximation.
-        p_value_thinned: The same of every 15th frame of each video only: the median over the 15 ways to begin.
-        n_frames: Number of frames.
-        n_used: Of these, the ones with a difference.
-    """
-
-    statistic: float
-    p_value: float
-    p_value_thinned: float
-    n_frames: int
-    n_used: int
-
-
-@dataclass(frozen=True)
-class PersonTest:
-    """Exact test with one pair a person: mean errors over that person's frames in the group.
-
-    Attributes:
-        n_people: Number of people.
-        n_used: Of these, the ones with a difference.
-        statistic: Sum of the ranks of people for whom the baseline errs more.
-        p_better: Exact one-tailed p value of "the proposed forecast errs less"; NaN with one person.
-        p_worse: Exact one-tailed p value of "it errs more".
-        p_two_sided: Exact two-tailed p value.
-        smallest_p: The smallest one-tailed p value that so many people with a difference can give.
-        difference_mm: Mean over people of proposed minus baseline.
-        difference_ci95_mm: Bootstrap interval of it over people; None with fewer than five.
-        effect: Matched-pairs rank-biserial correlation: 1 if the proposed errs less for everybody, -1 if more.
-        effect_ci95: Bootstrap interval of it over people; None with fewer than five.
-    """
-
-    n_people: int
-    n_used: int
-    statistic: float
-    p_better: float
-    p_worse: float
-    p_two_sided: float
-    smallest_p: float
-    difference_mm: float
-    difference_ci95_mm: tuple[float, float] | None
-    effect: float
-    effect_ci95: tuple[float, float] | None
-
-
-def frame_test(videos: Sequence[Judged]) -> FrameTest:
-    """Test all frames of a group as if each were an independent pair.
+def frame_test(videos: Sequence[Judged]) -> dict[str, Any]:
+    """One-tailed Wilcoxon signed-rank test over frames, each taken for an independent pair as in the paper.
 
     Args:
         videos: The group's videos.
 
     Returns:
-        The test.
+        ``statistic``, the sum of the ranks of frames at which the baseline errs more; ``p_value`` of "the baseline errs
+        more" by the normal approximation; ``p_value_thinned``, the same of every 15th frame of each video only, the
+        median over the 15 ways to begin; ``n_frames``, and ``n_used`` of them, which have a difference. NaN is None.
     """
     baseline, proposed = (np.concatenate([getattr(v, name) for v in videos]) for name in ("baseline_mm", "proposed_mm"))
     statistic, p_value = _over_frames(baseline, proposed)
     thinned = np.median([_thinned_p_value(videos, first) for first in range(STEPS_AHEAD)])
-    return FrameTest(statistic, p_value, float(thinned), baseline.size, int(np.count_nonzero(baseline != proposed)))
+    test: dict[str, Any] = without_nan(
+        {
+            "statistic": statistic,
+            "p_value": p_value,
+            "p_value_thinned": float(thinned),
+            "n_frames": baseline.size,
+            "n_used": int(np.count_nonzero(baseline != proposed)),
+        }
+    )
+    return test
 
 
-def person_test(videos: Sequence[Judged]) -> PersonTest:
-    """Test a group with one pair a person, and say how large the effect is.
+def person_test(videos: Sequence[Judged]) -> dict[str, Any]:
+    """Exact test with one pair a person: mean errors over that person's frames in the group.
 
     Args:
         videos: The group's videos.
 
     Returns:
-        The test.
+        Numbers of people, ``n_people``, and of those with a difference, ``n_used``; ``statistic``, the sum of the ranks
+        of people for whom the baseline errs more; exact p values, one-tailed of "the proposed forecast errs less"
+        (``p_better``) and of "it errs more" (``p_worse``), and ``p_two_sided``; ``smallest_p``, the smallest one-tailed
+        p value that so many people with a difference can give. ``difference_mm`` is the mean over people of proposed
+        minus baseline, ``effect`` the matched-pairs rank-biserial correlation (1 if the proposed errs less for
+        everybody, -1 if more), each with a bootstrap interval over people, None with fewer than five. NaN is None.
     """
     people = sorted({v.subject for v in videos})
-    gains = [_mean_gain_mm([v for v in videos if v.subject == person]) for person in people]
+    gains = [
+        np.concatenate([v.baseline_mm - v.proposed_mm for v in videos if v.subject == person]).mean()
+        for person in people
+    ]
     # Beyond a picometre differences are rounding, and would break ties by the order of the frames.
     gain_mm = np.round(gains, 9)
     n = len(people)
@@ -220,24 +190,22 @@ def person_test(videos: Sequence[Judged]) -> PersonTest:
     better, worse, either = _exact_p_values(used_mm) if used_mm.size > 1 else (math.nan,) * 3
     draws = np.random.default_rng(_SEED).integers(n, size=(_RESAMPLES, n))
     drawn = gain_mm[draws]
-    return PersonTest(
-        n_people=n,
-        n_used=used_mm.size,
-        statistic=float(rankdata(np.abs(used_mm))[used_mm > 0].sum()),
-        p_better=better,
-        p_worse=worse,
-        p_two_sided=either,
-        smallest_p=0.5**used_mm.size,
-        difference_mm=float(-gain_mm.mean()),
-        difference_ci95_mm=_interval(-drawn.mean(axis=1)) if several else None,
-        effect=float(_rank_biserial(gain_mm[None])[0]),
-        effect_ci95=_interval(_rank_biserial(drawn)) if several else None,
+    test: dict[str, Any] = without_nan(
+        {
+            "n_people": n,
+            "n_used": used_mm.size,
+            "statistic": float(rankdata(np.abs(used_mm))[used_mm > 0].sum()),
+            "p_better": better,
+            "p_worse": worse,
+            "p_two_sided": either,
+            "smallest_p": 0.5**used_mm.size,
+            "difference_mm": float(-gain_mm.mean()),
+            "difference_ci95_mm": _interval(-drawn.mean(axis=1)) if several else None,
+            "effect": float(_rank_biserial(gain_mm[None])[0]),
+            "effect_ci95": _interval(_rank_biserial(drawn)) if several else None,
+        }
     )
-
-
-def as_row(test: FrameTest | PersonTest) -> dict[str, Any]:
-    """A test as plain data; NaN is None."""
-    return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(test).items()}
+    return test
 
 
 def _over_frames(baseline_mm: FloatArray, proposed_mm: FloatArray) -> tuple[float, float]:
@@ -266,10 +234,6 @@ def _thinned_p_value(videos: Sequence[Judged], first: int) -> float:
     return _over_frames(np.concatenate([b for b, _ in few]), np.concatenate([p for _, p in few]))[1]
 
 
-def _mean_gain_mm(videos: Sequence[Judged]) -> float:
-    return float(np.concatenate([v.baseline_mm - v.proposed_mm for v in videos]).mean())
-
-
 def _rank_biserial(gains: FloatArray) -> FloatArray:
     """Matched-pairs rank-biserial correlation of each row without its zeros, shape (R,) (Kerby 2014); 0 if all are."""
     # Zeros take the lowest ranks, so that without them all others move down by their number.
@@ -278,6 +242,6 @@ def _rank_biserial(gains: FloatArray) -> FloatArray:
     return np.asarray((ranks * np.sign(gains)).sum(axis=1) / np.maximum(ranks.sum(axis=1), 1.0))
 
 
-def _interval(values: FloatArray) -> tuple[float, float]:
-    low, high = np.percentile(values, [2.5, 97.5])
-    return float(low), float(high)
+def _interval(values: FloatArray) -> list[float]:
+    ends: list[float] = np.percentile(values, [2.5, 97.5]).tolist()
+    return ends

@@ -22,7 +22,7 @@ SWEPT_S = (TUNED_TIME_S, SLOW_TIME_S, 2.0)
 def run(folder, out):
     """The command with three of its filters."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.paper.reproduction.FILTER_TIMES_S", SWEPT_S)
+        patch.setattr("experiments.paper.filters.FILTER_TIMES_S", SWEPT_S)
         return main(["--recordings", str(folder), "--jobs", "1", "--trials", "5", "--out", str(out)])
 
 

@@ -80,20 +80,21 @@ def test_the_sweep_by_hand():
         0.1: [made_row("straight", "a", [0.1, 0.2, 0.3], [0.1, 0.0, 0.1]), made_row("turn", "b", [-0.4], [0.8])],
         1.0: [made_row("straight", "a", [0.5], [0.0])],
     }
-    table = {(r.filter_time_s, r.against, r.horizon_s, r.group): r for r in sweep(rows)}
+    labels = ("filter_time_s", "against", "horizon_s", "group")
+    table = {tuple(r[name] for name in labels): r for r in sweep(rows)}
     assert len(table) == 2 * 2 * 2 + 2 * 2
     row = table[0.1, "filtered", 0.5, "R12"]
-    assert row.baseline_mm == pytest.approx(200)
+    assert row["baseline_mm"] == pytest.approx(200)
     # Together: 600 + 200 w + |800 w - 400| is least at 0.5.
-    assert row.weight == pytest.approx(0.5, abs=1e-5)
-    assert row.error_at_weight_mm == pytest.approx(700 / 3, abs=0.01)
+    assert row["weight"] == pytest.approx(0.5, abs=1e-5)
+    assert row["error_at_weight_mm"] == pytest.approx(700 / 3, abs=0.01)
     other = table[0.1, "filtered", 0.5, "R34"]
-    assert (other.baseline_mm, other.error_at_weight_mm) == pytest.approx((400, 0), abs=0.01)
-    assert other.weight == row.weight
-    assert table[0.1, "true", 0.5, "R12"].baseline_mm == pytest.approx(400)
-    assert table[0.1, "filtered", 1.0, "R12"].baseline_mm == pytest.approx(600)
-    assert table[0.1, "true", 1.0, "R34"].baseline_mm == pytest.approx(2400)
-    assert table[1.0, "filtered", 0.5, "R12"].weight == 0.0
+    assert (other["baseline_mm"], other["error_at_weight_mm"]) == pytest.approx((400, 0), abs=0.01)
+    assert other["weight"] == row["weight"]
+    assert table[0.1, "true", 0.5, "R12"]["baseline_mm"] == pytest.approx(400)
+    assert table[0.1, "filtered", 1.0, "R12"]["baseline_mm"] == pytest.approx(600)
+    assert table[0.1, "true", 1.0, "R34"]["baseline_mm"] == pytest.approx(2400)
+    assert table[1.0, "filtered", 0.5, "R12"]["weight"] == 0.0
 
 
 @given(way_m=st.floats(0.05, 2.0), turn_rad=st.floats(-6.0, 6.0, allow_subnormal=False))

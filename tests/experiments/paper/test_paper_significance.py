@@ -62,12 +62,12 @@ def test_the_test_over_frames_is_the_rank_sum_by_hand(seed):
         return n, statistic, norm.sf(z)
 
     n, statistic, p_value = by_hand(baseline - proposed)
-    assert (test.n_frames, test.n_used, test.statistic) == (baseline.size, n, statistic)
-    assert test.p_value == pytest.approx(p_value, rel=1e-9)
+    assert (test["n_frames"], test["n_used"], test["statistic"]) == (baseline.size, n, statistic)
+    assert test["p_value"] == pytest.approx(p_value, rel=1e-9)
     thinned = [np.concatenate([(j.baseline_mm - j.proposed_mm)[first::15] for j in judged]) for first in range(15)]
-    assert test.p_value_thinned == pytest.approx(np.median([by_hand(few)[2] for few in thinned]), rel=1e-9)
+    assert test["p_value_thinned"] == pytest.approx(np.median([by_hand(few)[2] for few in thinned]), rel=1e-9)
     library = wilcoxon(baseline, proposed, zero_method="wilcox", alternative="greater", method="approx")
-    assert (test.statistic, test.p_value) == (library.statistic, library.pvalue)
+    assert (test["statistic"], test["p_value"]) == (library.statistic, library.pvalue)
 
 
 def enumerated(gains):
@@ -93,19 +93,19 @@ def test_the_test_over_people_is_exact(gains, seed):
     judged = judged_of(gains, seed)
     test = person_test(judged)
     statistic, better, worse, either = enumerated(gains)
-    assert test.n_people == len(gains)
-    assert test.statistic == statistic
-    assert test.p_better == pytest.approx(better)
-    assert test.p_worse == pytest.approx(worse)
-    assert test.p_two_sided == pytest.approx(either)
-    assert test.smallest_p == pytest.approx(enumerated(np.arange(1, len(gains) + 1))[1])
-    assert test.difference_mm == pytest.approx(-np.mean(gains), abs=1e-9)
+    assert test["n_people"] == len(gains)
+    assert test["statistic"] == statistic
+    assert test["p_better"] == pytest.approx(better)
+    assert test["p_worse"] == pytest.approx(worse)
+    assert test["p_two_sided"] == pytest.approx(either)
+    assert test["smallest_p"] == pytest.approx(enumerated(np.arange(1, len(gains) + 1))[1])
+    assert test["difference_mm"] == pytest.approx(-np.mean(gains), abs=1e-9)
     total = len(gains) * (len(gains) + 1) / 2
-    assert test.effect == pytest.approx((2 * statistic - total) / total)
+    assert test["effect"] == pytest.approx((2 * statistic - total) / total)
     other = person_test(swapped(judged))
-    assert other.effect == pytest.approx(-test.effect)
-    assert other.difference_mm == pytest.approx(-test.difference_mm)
-    assert (other.p_better, other.p_worse) == pytest.approx((test.p_worse, test.p_better))
+    assert other["effect"] == pytest.approx(-test["effect"])
+    assert other["difference_mm"] == pytest.approx(-test["difference_mm"])
+    assert (other["p_better"], other["p_worse"]) == pytest.approx((test["p_worse"], test["p_better"]))
 
 
 @settings(max_examples=6)
@@ -115,9 +115,9 @@ def test_intervals_contain_the_mean(gains):
     assume(np.ptp(np.abs(gains)) > 1e-3)
     judged = judged_of(gains)
     test = person_test(judged)
-    low, high = test.difference_ci95_mm
-    assert low <= test.difference_mm <= high
-    assert -1 <= test.effect_ci95[0] <= test.effect_ci95[1] <= 1
+    low, high = test["difference_ci95_mm"]
+    assert low <= test["difference_mm"] <= high
+    assert -1 <= test["effect_ci95"][0] <= test["effect_ci95"][1] <= 1
 
 
 def video(base_m, turn_m, subject="a", group="R12", name="v"):
