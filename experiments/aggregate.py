@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from gazempc.parts import TRUE_FUTURE
 from gazempc.recordings.readers.labels import ROUTES, STANDING
+from gazempc.results.metrics import Metrics
+from gazempc.results.run_summary import ComputeMetrics
 
 GROUP_ORDER = (STANDING, *ROUTES)
 # What people do in a clip, in reading order; other kinds follow.
@@ -71,20 +73,9 @@ def file_name(figure: str, *parts: str) -> str:
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in file_name) + ".png"
 
 
-LABEL_COLUMNS = (
-    "recording",
-    "source",
-    "data_kind",
-    "subject",
-    "group",
-    "kind",
-    "controller",
-    "predictor",
-    "neck",
-    "sensor",
-    "seed",
-    "notes",
-)
+# Metrics of a run, and those of them that depend on the machine.
+TIMING = tuple(f.name for f in fields(ComputeMetrics))
+METRICS = (*(f.name for f in fields(Metrics)), *TIMING)
 # What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
 # gazes that start aside.
 COMPARED = {
@@ -167,7 +158,7 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """
     if not rows:
         return []
-    figures = [name for name in rows[0] if name not in {*LABEL_COLUMNS, "left_out", "failed", "simulated_s", "faults"}]
+    figures = [name for name in (*METRICS, "gap_closed") if name in rows[0]]
     table = []
     for labels, chosen in _combinations(rows, ("controller", "predictor", "neck")):
         people = [str(r["subject"]) for r in chosen]

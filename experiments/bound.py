@@ -27,8 +27,7 @@ import numpy as np
 from pydantic import Field
 
 from experiments.aggregate import GROUP_ORDER
-from experiments.engine.choices import check_fitted, find_recordings, in_place
-from experiments.engine.command import Command, WorkSettings, check, exit_status
+from experiments.engine.command import Command, WorkSettings, check_fitted, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from experiments.pages import markdown, write_csv
@@ -161,7 +160,7 @@ def bound(**settings: Any) -> list[Row]:
     Raises:
         GazempcError: On bad input, before anything runs.
     """
-    return _bound(check(BoundSettings, "bound", settings))
+    return _bound(BoundSettings.of("bound", settings))
 
 
 def _bound(settings: BoundSettings) -> list[Row]:

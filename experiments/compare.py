@@ -15,8 +15,17 @@ from typing import Any
 from pydantic import Field
 
 from experiments.aggregate import COMPARED, DIFFERENCES, add_gap_closed, paired_differences, summarise
-from experiments.engine.choices import ChoiceSettings, each_sensor, find_recordings, in_place, name_parts, options_of
-from experiments.engine.command import Command, call_of, check, exit_status
+from experiments.engine.command import (
+    ChoiceSettings,
+    Command,
+    call_of,
+    each_sensor,
+    exit_status,
+    find_recordings,
+    in_place,
+    name_parts,
+    options_of,
+)
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.replays import ReplayJob, all_faults
@@ -55,7 +64,7 @@ def compare(**settings: Any) -> list[Row]:
     Raises:
         GazempcError: On bad input, before anything runs.
     """
-    checked = check(CompareSettings, "compare", settings)
+    checked = CompareSettings.of("compare", settings)
     rows = _replay_all(checked)
     write(checked, rows, call_of("experiments.compare.compare", settings))
     return rows

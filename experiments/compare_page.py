@@ -8,7 +8,7 @@ from pathlib import Path
 
 from experiments.aggregate import COMPARED, DIFFERENCES, file_name, sensors_of
 from experiments.engine.job import Row
-from experiments.pages import count, failures, left_out, survived, table_of, with_ends
+from experiments.pages import count, seen_in_fitting, table_of, unusual, with_ends
 from experiments.plots import Plot, share_of_clips
 from gazempc.recordings.recording import truth_of
 from gazempc.results.figures.style import styles
@@ -124,16 +124,8 @@ def plots_of(done: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
 
 
 def _unusual(summary: Row, done: Sequence[Row]) -> Iterator[Unusual]:
-    if violations := sum(run["limit_violations"] or 0 for run in done):
-        yield Unusual(f"{violations} violations of a neck's limits")
-    if people := summary["people_seen_in_fitting"]:
-        yield Unusual(
-            f"the predictor walker was fitted on {count(len(people), 'person', 'people')} of these recordings",
-            "Its figures are optimistic; for people left out see --walker.fitted.",
-        )
-    yield from failures(summary["failed"])
-    yield from survived(summary["faults"])
-    yield from left_out(summary["left_out"])
+    yield from seen_in_fitting(len(summary["people_seen_in_fitting"]))
+    yield from unusual(summary, sum(run["limit_violations"] or 0 for run in done))
     noted = dict.fromkeys((run["recording"], run["notes"]) for run in done if run["notes"])
     yield from (Unusual(f"note on {name}", note) for name, note in noted)
 

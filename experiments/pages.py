@@ -14,24 +14,33 @@ from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.write import write_page
 
 
-def left_out(reasons: Mapping[str, str]) -> Iterator[Unusual]:
-    """Recordings left out, by name, with the reason."""
-    yield from (Unusual(f"left out {name}", reason) for name, reason in reasons.items())
+def seen_in_fitting(people: int) -> Iterator[Unusual]:
+    """That the predictor `walker` was fitted on some of the people."""
+    if people:
+        yield Unusual(
+            f"the predictor walker was fitted on {count(people, 'person', 'people')} of these recordings",
+            "Its figures are optimistic; for people left out see --walker.fitted.",
+        )
 
 
-def failures(failed: Iterable[Mapping[str, Any]]) -> Iterator[Unusual]:
-    """Failed runs, each ``recording`` with its reason ``failed`` once."""
-    for name, reason in dict.fromkeys((row["recording"], row["failed"]) for row in failed):
+def unusual(summary: Mapping[str, Any], violations: int) -> Iterator[Unusual]:
+    """Violations of limits, failed runs, caught exceptions, and recordings that were left out.
+
+    Args:
+        summary: Has ``failed``, with ``recording`` and reason; ``faults`` as of
+            `experiments.engine.replays.all_faults`; and ``left_out``, reasons by recording.
+        violations: Number of violations.
+    """
+    if violations:
+        yield Unusual(f"{violations} violations of a neck's limits")
+    for name, reason in dict.fromkeys((row["recording"], row["failed"]) for row in summary["failed"]):
         yield Unusual(f"failed {name}", reason)
-
-
-def survived(faults: Iterable[Mapping[str, Any]]) -> Iterator[Unusual]:
-    """Caught exceptions, as of `experiments.engine.replays.all_faults`."""
-    for fault in faults:
+    for fault in summary["faults"]:
         parts = ", ".join(str(fault[name]) for name in ("controller", "predictor") if name in fault)
         text = f"{MEANINGS.get(fault['event'], '')}: {fault['error']}".removeprefix(": ")
         what = f"{parts}: {fault['event']}, {fault['count']} x in {fault['runs']} runs"
         yield Unusual(what, text, fault["traceback"])
+    yield from (Unusual(f"left out {name}", reason) for name, reason in summary["left_out"].items())
 
 
 def count(n: int, one: str, many: str | None = None) -> str:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
-from gazempc.results.figures.style import DPI, readable, series_look
+from gazempc.results.figures.style import COLOURS, DPI, readable, series_look
 from gazempc.results.page.content import Chart, Curve
 from gazempc.types import FloatArray
 
@@ -64,21 +66,25 @@ class Plot:
         return Chart(self.title, self.x_label, self.y_label, curves)
 
 
-def draw(plots: Sequence[Plot], path: Path, about: str, log_y: bool = False) -> None:
+def draw(
+    plots: Sequence[Plot], path: Path, about: str, *, rows: int = 1, log_x: bool = False, log_y: bool = False
+) -> None:
     """Draw plots side by side, with one y axis and one legend.
 
     Args:
         plots: One a panel, all with the same lines.
         path: PNG file to write.
         about: Data of the plots.
+        rows: Rows of panels.
+        log_x: Whether the x axis is logarithmic.
         log_y: Whether the y axis is logarithmic.
     """
-    single = len(plots) == 1
-    width_inches = 7.0 if single else 3.0 * len(plots) + 0.6
+    single, columns = len(plots) == 1, len(plots) // rows
+    width_inches = 7.0 if single else 3.0 * columns + 0.6
     with readable(width_inches):
-        figure = Figure(figsize=(width_inches, 4.4 if single else 3.6), layout="constrained")
-        panels = figure.subplots(1, len(plots), sharey=True, squeeze=False)[0]
-        for ax, plot in zip(panels, plots, strict=True):
+        figure = Figure(figsize=(width_inches, 4.4 if single else 3.6 * rows), layout="constrained")
+        panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+        for ax, plot in zip(panels.flat, plots, strict=True):
             for i, line in enumerate(plot.lines):
                 _draw_line(ax, line, i, plot)
             if plot.ticks:
@@ -86,12 +92,18 @@ def draw(plots: Sequence[Plot], path: Path, about: str, log_y: bool = False) -> 
             ax.set_title(plot.title, fontsize="medium")
             ax.set_xlabel(plot.x_label)
             ax.set_yscale("log" if log_y else "linear")
+            if log_x:
+                ax.set_xscale("log")
+                ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                ax.xaxis.set_major_formatter("{x:g}")
+                ax.xaxis.set_minor_formatter(NullFormatter())
             ax.grid(alpha=0.3, which="both")
-        panels[0].set_ylabel(plots[0].y_label)
+        for ax in panels[:, 0]:
+            ax.set_ylabel(plots[0].y_label)
         if single:
-            panels[0].legend(framealpha=0.85, edgecolor="none", fontsize="small", title=plots[0].legend)
+            panels[0, 0].legend(framealpha=0.85, edgecolor="none", fontsize="small", title=plots[0].legend)
         else:
-            handles, labels = panels[0].get_legend_handles_labels()
+            handles, labels = panels[0, 0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False, fontsize="small")
         figure.supxlabel(about, fontsize="small", color="0.4")
         figure.savefig(path, dpi=DPI)
@@ -107,6 +119,26 @@ def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
         ax.plot(*line.beside.T, ls="", marker=look.marker, ms=4, color=line.colour, alpha=0.35)
     if line.ends is not None:
         ax.vlines(x, *line.ends.T, color=line.colour, lw=1.0)
+
+
+def points(
+    rows: Mapping[str, Mapping[str, Any]], x: str, y: str, factor: float, colours: Mapping[str, str]
+) -> tuple[Line, ...]:
+    """A point for each row, with the interval of its height.
+
+    Args:
+        rows: Means by label; the interval of `y` is under ``<y>_ci95``.
+        x: Figure along the horizontal axis.
+        y: Figure along the vertical axis.
+        factor: Of the vertical axis.
+        colours: CSS colour by label; others have the colour of their place.
+    """
+    lines = []
+    for k, (label, row) in enumerate(rows.items()):
+        ends = factor * np.array([row[f"{y}_ci95"] or (np.nan, np.nan)])
+        at, height = np.array([row[x]]), factor * np.array([row[y]])
+        lines.append(Line(label, colours.get(label, COLOURS[k % len(COLOURS)]), at, height, ends))
+    return tuple(lines)
 
 
 def share_of_clips(title: str, x_label: str, clips: Mapping[tuple[str, str], Mapping[str, float]]) -> Plot:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -104,7 +104,7 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
             message += f"; {missing.description}" if missing.description else ""
         elif item["type"] != "value_error":
             message += f" (given: {shown(item['input'], _FIELD_SHOWN)})"
-        lines.append(f"{source}: {field}: {message}")
+        lines += [f"{source}: {field}: {line}" for line in message.splitlines()]
     if len(found) > _ERRORS_SHOWN:
         lines.append(f"{source}: and {len(found) - _ERRORS_SHOWN} errors more")
     return "\n".join(lines)
@@ -114,7 +114,10 @@ def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[
     """Fields of the model at a place within a model; empty where there is none."""
     fields = model.model_fields
     for part in location:
-        kind = fields[str(part)].annotation if str(part) in fields else None
+        if isinstance(part, int):  # an entry of a tuple
+            continue
+        kind = fields[part].annotation if part in fields else None
+        kind = next(iter(get_args(kind)), kind)
         if not (isinstance(kind, type) and issubclass(kind, BaseModel)):
             return {}
         fields = kind.model_fields

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from experiments.engine.job import Job, Row
-from experiments.engine.workers import Cluster, Results, on_this_machine
+from experiments.engine.job import Cluster, Job, Results, Row, on_this_machine
 from gazempc.errors import GazempcError, shown
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole

@@ -18,16 +18,9 @@ from matplotlib.figure import Figure
 from pydantic import Field
 
 from experiments.engine.command import Command
+from experiments.pages import markdown
 from gazempc.errors import SettingsError
-from gazempc.neck.human import (
-    HEAD_SHARE_DOWN,
-    HEAD_SHARE_PAN,
-    HEAD_SHARE_UP,
-    eye_velocity_rad_s,
-    head_velocity_rad_s,
-    motor_scale,
-    with_motion,
-)
+from gazempc.neck import human
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.arrays import recording_from_arrays
@@ -162,8 +155,8 @@ def draw(shifts: Sequence[Shift], scale: float, title: str, path: Path) -> None:
             panel.set_title(f"shift of {shift.amplitude_deg:.0f} deg sideways", fontsize="medium")
         panels[0, 1].legend(frameon=False)
         laws = (
-            (panels[1, 0], "head", head_velocity_rad_s, scale, _HEAD, f"people, x {scale:.2f}"),
-            (panels[1, 1], "eyes", eye_velocity_rad_s, 1.0, _EYE, "people"),
+            (panels[1, 0], "head", human.head_velocity_rad_s, scale, _HEAD, f"people, x {scale:.2f}"),
+            (panels[1, 1], "eyes", human.eye_velocity_rad_s, 1.0, _EYE, "people"),
         )
         for panel, name, law, share, colour, label in laws:
             points = [
@@ -186,7 +179,7 @@ def draw(shifts: Sequence[Shift], scale: float, title: str, path: Path) -> None:
         figure.savefig(path, dpi=DPI)
 
 
-_SHARES: dict[Direction, float] = {"sideways": HEAD_SHARE_PAN, "up": HEAD_SHARE_UP, "down": HEAD_SHARE_DOWN}
+_SHARES = {"sideways": human.HEAD_SHARE_PAN, "up": human.HEAD_SHARE_UP, "down": human.HEAD_SHARE_DOWN}
 _AMPLITUDES_DEG: dict[Direction, tuple[float, ...]] = {
     "sideways": (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0),
     "up": (10.0, 20.0, 30.0),
@@ -194,9 +187,9 @@ _AMPLITUDES_DEG: dict[Direction, tuple[float, ...]] = {
 }
 # Published for sideways shifts: the eyes begin so long before the head, at these amplitudes.
 _LEAD_AT_DEG, _LEAD_S = (10.0, 40.0), (0.140, 0.050)
-# What people themselves differ by is more than this.
-_FITS_SHARE, _FITS_PERCENT, _FITS_S = 0.03, 10.0, 0.02
-_LABELS = {"head's share": "%", "eyes ahead": "ms", "head's peak": "deg/s", "eyes' peak": "deg/s"}
+# People themselves differ by more than this; of a peak velocity it is a share.
+_SPREAD_SHARE, _SPREAD_S, _SPREAD_OF_PEAK = 0.03, 0.02, 0.1
+_COLUMNS = ("head's share [%]", "eyes ahead [ms]", "head's peak [deg/s]", "eyes' peak [deg/s]")
 # A head that hardly moves has no main sequence.
 _LEAST_HEAD_DEG = 3.0
 
@@ -213,19 +206,17 @@ class BesidePeople(NamedTuple):
     """A figure of a shift beside the published one.
 
     Attributes:
-        label: Name of the figure, one of `_LABELS`.
         ours: Of the neck.
         people: Published, scaled to the motors where that is meant.
-        fits: Whether they agree.
+        spread: A smaller difference is one that people have among themselves.
     """
 
-    label: str
     ours: float
     people: float
-    fits: bool
+    spread: float
 
 
-def compared(shift: Shift, scale: float) -> list[BesidePeople]:
+def compared(shift: Shift, scale: float) -> dict[str, BesidePeople]:
     """The figures of a shift beside the published ones.
 
     Args:
@@ -233,25 +224,19 @@ def compared(shift: Shift, scale: float) -> list[BesidePeople]:
         scale: Share of a person's head velocity that the motors bear.
 
     Returns:
-        Those figures for which something is published.
+        Those figures for which something is published, by `_COLUMNS`.
     """
-    share = _SHARES[shift.direction]
-    figures = [
-        BesidePeople("head's share", 100 * shift.head_share, 100 * share, abs(shift.head_share - share) < _FITS_SHARE)
-    ]
-    low_deg, high_deg = _LEAD_AT_DEG
-    if shift.direction == "sideways" and low_deg <= shift.amplitude_deg <= high_deg:
-        along = (shift.amplitude_deg - low_deg) / (high_deg - low_deg)
-        lead_s = (1.0 - along) * _LEAD_S[0] + along * _LEAD_S[1]
-        fits = abs(shift.lead_s - lead_s) < _FITS_S
-        figures.append(BesidePeople("eyes ahead", 1e3 * shift.lead_s, 1e3 * lead_s, fits))
+    share, lead, head_peak, eye_peak = _COLUMNS
+    found = {share: BesidePeople(100 * shift.head_share, 100 * _SHARES[shift.direction], 100 * _SPREAD_SHARE)}
+    if shift.direction == "sideways" and _LEAD_AT_DEG[0] <= shift.amplitude_deg <= _LEAD_AT_DEG[1]:
+        lead_s = float(np.interp(shift.amplitude_deg, _LEAD_AT_DEG, _LEAD_S))
+        found[lead] = BesidePeople(1e3 * shift.lead_s, 1e3 * lead_s, 1e3 * _SPREAD_S)
     head_deg, eye_deg = abs(float(shift.head_deg[-1])), float(shift.eye_deg.max())
     if head_deg > _LEAST_HEAD_DEG:
-        law = math.degrees(scale * head_velocity_rad_s(math.radians(head_deg)))
-        figures.append(_velocity("head's peak", shift.head_peak_deg_s, law))
-    law = math.degrees(eye_velocity_rad_s(math.radians(eye_deg)))
-    figures.append(_velocity("eyes' peak", shift.eye_peak_deg_s, law))
-    return figures
+        law = math.degrees(scale * human.head_velocity_rad_s(math.radians(head_deg)))
+        found[head_peak] = BesidePeople(shift.head_peak_deg_s, law, _SPREAD_OF_PEAK * law)
+    law = math.degrees(human.eye_velocity_rad_s(math.radians(eye_deg)))
+    return found | {eye_peak: BesidePeople(shift.eye_peak_deg_s, law, _SPREAD_OF_PEAK * law)}
 
 
 def make_shifts(neck: NeckSpec, controller: str) -> list[Shift]:
@@ -282,30 +267,28 @@ def table(shifts: Sequence[Shift], scale: float) -> str:
         scale: As of `compared`.
 
     Returns:
-        Text of several lines.
+        A table in Markdown, and what it means.
     """
-    rows = {_name(shift): {each.label: each for each in compared(shift, scale)} for shift in shifts}
-    lines = ["Each figure of the neck, in brackets that of people; * does not fit.", ""]
-    heads = [["shift", "on target", *_LABELS], ["deg", "s", *_LABELS.values()]]
-    cells = [[name, f"{shift.there_s:.2f}", *map(_cell, (row.get(label) for label in _LABELS))]
-             for shift, (name, row) in zip(shifts, rows.items(), strict=True)]  # fmt: skip
-    widths = [max(map(len, column)) for column in zip(*heads, *cells, strict=True)]
-    for row in [*heads, *cells]:
-        first, *others = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        lines.append("  ".join([row[0].ljust(len(first)), *others]).rstrip())
-    return "\n".join(lines)
+    rows = []
+    for shift in shifts:
+        row = {name: _cell(each) for name, each in compared(shift, scale).items()}
+        label = f"{shift.direction} {shift.amplitude_deg:.0f}"
+        rows.append((label, f"{shift.there_s:.2f}", *(row.get(name, "") for name in _COLUMNS)))
+    text = "Each figure of the neck, in brackets that of people; * does not fit.\n\n"
+    return text + markdown(("shift [deg]", "on target [s]", *_COLUMNS), rows)
 
 
-def _cell(each: BesidePeople | None) -> str:
-    return "" if each is None else f"{each.ours:.0f} ({each.people:.0f}) {' ' if each.fits else '*'}"
+def _cell(each: BesidePeople) -> str:
+    fits = abs(each.ours - each.people) < each.spread
+    return f"{each.ours:.0f} ({each.people:.0f}){'' if fits else ' *'}"
 
 
 def _run(settings: HumanSettings, _: str) -> int:
     given = load_neck(settings.neck)
-    neck = with_motion(given, "human")
+    neck = human.with_motion(given, "human")
     if neck.body is not None:
         raise SettingsError(f"--neck {settings.neck}: a body takes part in large shifts; accepted: eyes and no body")
-    scale = min(motor_scale(given.pan), motor_scale(given.tilt))
+    scale = min(human.motor_scale(given.pan), human.motor_scale(given.tilt))
     shifts = make_shifts(neck, settings.controller)
     print(f"Neck {neck.name}, {settings.controller}. The motors bear {scale:.2f} of the velocity of people's heads.")
     print(table(shifts, scale))
@@ -315,15 +298,6 @@ def _run(settings: HumanSettings, _: str) -> int:
     draw(shifts, scale, f"{neck.name}, {settings.controller}, --motion human", path)
     print(f"Written: {path}")
     return 0
-
-
-def _velocity(label: str, ours_deg_s: float, people_deg_s: float) -> BesidePeople:
-    fits = abs(ours_deg_s / people_deg_s - 1.0) < _FITS_PERCENT / 100
-    return BesidePeople(label, ours_deg_s, people_deg_s, fits)
-
-
-def _name(shift: Shift) -> str:
-    return f"{shift.direction} {shift.amplitude_deg:.0f}"
 
 
 main = Command("eyes.human", HumanSettings, __doc__, _run).main

@@ -15,8 +15,7 @@ from typing import Any
 
 from pydantic import Field
 
-from experiments.engine.choices import find_recordings, in_place
-from experiments.engine.command import Command, WorkSettings, check
+from experiments.engine.command import Command, WorkSettings, find_recordings, in_place
 from experiments.engine.engine import Cache, Engine
 from experiments.engine.job import Row
 from experiments.fit.examples import Examples
@@ -65,7 +64,7 @@ def fit(**settings: Any) -> WalkerModel:
     Raises:
         GazempcError: If a recording cannot be used, or there are fewer than two people.
     """
-    return _fit(check(FitSettings, "fit", settings))
+    return _fit(FitSettings.of("fit", settings))
 
 
 def _run(settings: FitSettings, _: str) -> int:

@@ -5,20 +5,26 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
 from experiments.aggregate import file_name, sensors_of
-from experiments.engine.choices import ChoiceSettings, each_sensor, find_recordings, in_place, name_parts, options_of
-from experiments.engine.command import Command, check, exit_status
+from experiments.engine.command import (
+    ChoiceSettings,
+    Command,
+    each_sensor,
+    exit_status,
+    find_recordings,
+    in_place,
+    name_parts,
+    options_of,
+)
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.forecast.errors import RUN_IN_S, ClipView, Cues
-from experiments.forecast.page import FAILED, LEFT_OUT, forecast_page, plots_of
-from experiments.forecast.summary import ClipResult, ForecastJob, clip_result, summarise
+from experiments.forecast.errors import RUN_IN_S, ClipView, Cues, ForecastJob
+from experiments.forecast.page import forecast_page, plots_of, summarise
 from experiments.pages import write_results
 from experiments.plots import draw
 from gazempc.errors import GazempcError
@@ -52,58 +58,52 @@ class ForecastSettings(PredictorSettings, ChoiceSettings):
     out: Path = Field(default=Path("out/forecast"), description="Where to write; an interrupted run goes on there")
 
 
-@dataclass(frozen=True)
-class Forecasts:
-    """What came of a comparison of forecasts.
-
-    Attributes:
-        results: One for each recording, sensor, predictor and cues; see `experiments.forecast.summary.summarise`.
-        failed: What could not be done: ``recording``, ``predictor``, ``cues``, ``sensor``, and ``failed``, the reason.
-        left_out: With which recordings the experiment cannot be made: ``recording``, ``sensor``, and ``left_out``.
-    """
-
-    results: list[ClipResult]
-    failed: list[Row]
-    left_out: list[Row]
-
-
-def forecast(**settings: Any) -> Forecasts:
+def forecast(**settings: Any) -> list[Row]:
     """Run every predictor over every recording.
 
     Args:
         **settings: Any of `ForecastSettings`, such as ``recordings=["synthetic"], predictors=["walker"]``.
 
     Returns:
-        The results, and what failed.
+        A row for each recording, sensor, predictor and cues: labels, ``left_out`` and ``failed`` (a reason or None),
+        else the arrays of `experiments.forecast.errors.ForecastErrors`.
 
     Raises:
         GazempcError: On bad input, before anything runs.
     """
-    return _forecast(check(ForecastSettings, "forecast", settings))
+    return _forecast(ForecastSettings.of("forecast", settings))
 
 
 def _run(settings: ForecastSettings, command: str) -> int:
     found = _forecast(settings)
-    rows = summarise(found.results)
-    data_kinds = ", ".join(dict.fromkeys(r.data_kind for r in found.results))
+    results = [row for row in found if not row["failed"] and not row["left_out"]]
+    # Of all predictors, as the place has nothing to do with them.
+    left_out = {(row["recording"], row["sensor"]): _of(row, _LEFT_OUT) for row in found if row["left_out"]}
+    rows = summarise(results)
+    data_kinds = ", ".join(dict.fromkeys(row["data_kind"] for row in results))
     summary = {
         "rows": rows,
         "data_kinds": data_kinds,
-        "n_left_out": len(found.left_out),
-        "left_out": found.left_out,
-        "failed": found.failed,
+        "n_left_out": len(left_out),
+        "left_out": list(left_out.values()),
+        "failed": [_of(row, _FAILED) for row in found if row["failed"]],
         "scored": f"frames from {RUN_IN_S} s after the first one whose horizon ends within the recording",
         "settings": settings.saved(),
         "versions": versions(),
     }
     pictures = _draw(settings, rows, data_kinds)
-    print(write_results(forecast_page(summary, found.results, pictures, command), settings.out, summary))
+    print(write_results(forecast_page(summary, results, pictures, command), settings.out, summary))
     drawn = " and figures" if rows else ""
     print(f"Written to {settings.out}/: report.html, summary.json, summary.md{drawn}")
-    return exit_status(False, bool(found.failed))
+    return exit_status(False, bool(summary["failed"]))
 
 
-def _forecast(settings: ForecastSettings) -> Forecasts:
+# What `summary.json` has of a forecast that failed, and of a recording that was left out.
+_FAILED = ("recording", "predictor", "cues", "sensor", "failed")
+_LEFT_OUT = ("recording", "sensor", "left_out")
+
+
+def _forecast(settings: ForecastSettings) -> list[Row]:
     for what, values in (("horizons", settings.horizons), ("rates", settings.rates)):
         if not all(0 < value < float("inf") for value in values):
             raise GazempcError(f"{what} must be positive, got {list(values)}")
@@ -125,13 +125,7 @@ def _forecast(settings: ForecastSettings) -> Forecasts:
         for (name, view, predictor, cues), row in zip(asked, results, strict=True)
     ]
     name_parts(rows, "predictor")
-    # Of all predictors, as the place has nothing to do with them.
-    left_out = {(row["recording"], row["sensor"]): _of(row, LEFT_OUT) for row in rows if row["left_out"]}
-    return Forecasts(
-        [clip_result(row) for row in rows if not row["failed"] and not row["left_out"]],
-        [_of(row, FAILED) for row in rows if row["failed"]],
-        list(left_out.values()),
-    )
+    return rows
 
 
 def _of(row: Row, names: Sequence[str]) -> Row:

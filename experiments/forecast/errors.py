@@ -1,22 +1,27 @@
-"""Forecast errors of a predictor on one recording, frame by frame: the view of the sensor, and the truth."""
+"""Forecast errors of a predictor on one recording, frame by frame, as a job: the view of the sensor, and the truth."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from experiments.engine.job import Row, key_of, models_hash, parts_hash, recording_hash
+from experiments.engine.replays import load_once
+from gazempc.loop.build import Person, make_predictor
+from gazempc.parts import PREDICTOR, name_of
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
+from gazempc.settings import PredictorSettings
 from gazempc.sim.scene import SceneSettings, natural_placement
 from gazempc.sim.sensor import SensorSpec, default_sensor, observe
 from gazempc.types import FloatArray, Sighting
-from predictors import ConstantVelocity, HeadObservation, Predictor
+from predictors import ConstantVelocity, HeadObservation, Predictor, Walker
 
 _SCENE = SceneSettings()
 
@@ -101,20 +106,6 @@ def _averaged(times_s: FloatArray, position_m: FloatArray, over_s: float) -> Flo
     return averaged
 
 
-class Seen(NamedTuple):
-    """A recording as predictors see it.
-
-    Attributes:
-        recording: What the sensor sees, in the frame in which it does.
-        sensor: The sensor.
-        true_head: What forecasts are compared with.
-    """
-
-    recording: Recording
-    sensor: SensorSpec
-    true_head: TrueHead
-
-
 @dataclass(frozen=True)
 class ClipView:
     """How the predictors see the walks.
@@ -137,14 +128,14 @@ class ClipView:
         """The name that the chosen sensor gives itself; None if none is chosen."""
         return None if self.sensor is None else self.sensors[self.sensor].name
 
-    def of(self, recording: Recording) -> Seen:
+    def of(self, recording: Recording) -> tuple[Recording, SensorSpec, TrueHead]:
         """A recording as it is seen.
 
         Args:
             recording: The recording, in its own frame.
 
         Returns:
-            What is seen, by what, and the truth behind it.
+            What the sensor sees, in the frame in which it does; the sensor; what forecasts are compared with.
 
         Raises:
             PlacementError: If the head comes too near to a robot whose place matters.
@@ -153,7 +144,7 @@ class ClipView:
         sensor = self.sensors[self.sensor or fits]
         placed = placed_for(recording, sensor)
         smooth = smooth_truth(placed, self.truth_smoothing_s)
-        return Seen(replace(placed, measured=smooth.measured), sensor, TrueHead(smooth))
+        return replace(placed, measured=smooth.measured), sensor, TrueHead(smooth)
 
 
 Cues = Literal["both", "head", "pelvis", "none"]
@@ -274,3 +265,54 @@ def _nees(difference_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
     solved = np.linalg.solve(covariance_m2[stated], difference_m[stated][..., None])[..., 0]
     nees[stated] = np.sum(difference_m[stated] * solved, axis=-1)
     return nees
+
+
+@dataclass(frozen=True)
+class ForecastJob:
+    """All that the errors depend on.
+
+    Attributes:
+        recording: Synthetic name or path.
+        predictor: A shipped name or ``module:Class``.
+        cues: Which orientations it is shown.
+        horizons_s: Horizons from capture, seconds.
+        view: How it sees the walk.
+        settings: Parameters of the shipped predictors.
+        options: Parameters of the user's own.
+    """
+
+    recording: str
+    predictor: str
+    cues: Cues
+    horizons_s: tuple[float, ...]
+    view: ClipView
+    settings: PredictorSettings
+    options: Mapping[str, Any]
+
+    def key(self) -> str:
+        """See `experiments.engine.job.Job`."""
+        fitted = self.settings.walker.fitted if self.predictor == "walker" else None
+        return key_of(
+            self,
+            recording=recording_hash(self.recording),
+            models=models_hash(fitted),
+            parts=parts_hash("", self.predictor),
+        )
+
+    def run(self) -> Row:
+        """Labels, the predictor's name, whether it was fitted on this person, and arrays of `ForecastErrors`."""
+        recording, sensor, true_head = self.view.of(load_once(self.recording))
+        subject = recording.labels.subject
+        predictor = make_predictor(self.predictor, self.settings, Person(subject, true_head), dict(self.options))
+        horizons_s = np.array(self.horizons_s)
+        errors = forecast_errors(recording, predictor, sensor, horizons_s, self.view.seed, self.cues, true_head)
+        return {
+            "sensor": sensor.name,
+            "data_kind": recording.kind,
+            "subject": subject,
+            "group": recording.labels.group or "unknown",
+            "kind": recording.labels.activity,
+            "seen": isinstance(predictor, Walker) and subject in predictor.fitted_on(),
+            "predictor_name": name_of(PREDICTOR, predictor),
+            **vars(errors),
+        }

@@ -1,7 +1,8 @@
-"""Plots, tables and report of a comparison of forecasts."""
+"""Means, plots, tables and report of a comparison of forecasts."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,23 +10,112 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import groups_of, sensors_of
-from experiments.forecast.summary import ClipResult, error_m
-from experiments.pages import count, table_of, with_ends
+from experiments.aggregate import clips_of, groups_of, sensors_of, with_interval
+from experiments.pages import seen_in_fitting, table_of, with_ends
 from experiments.plots import Line, Plot, share_of_clips
 from gazempc.recordings.readers.labels import STANDING
 from gazempc.recordings.recording import truth_of
 from gazempc.results.figures.style import COLOURS
+from gazempc.results.forecast_metrics import inside
 from gazempc.results.page.content import Chart, Page, PageTable, Unusual
+from gazempc.results.run_summary import without_nan
+from gazempc.types import FloatArray
 
 _Row = Mapping[str, Any]
+_BASELINES = ("constant_velocity", "last_position")
+_PARTS = ("along", "across", "vertical")
+_SHARES = (0.68, 0.90, 0.95)
+
+
+def summarise(results: Sequence[_Row]) -> list[dict[str, Any]]:
+    """Means by sensor, predictor, group or kind, and horizon.
+
+    Means, coverage and NEES are means over clips of the mean over frames; percentiles are over all frames. The ratios
+    to `constant_velocity` and `last_position` are over the clips that both have.
+
+    Args:
+        results: As of `experiments.forecast.command.forecast`, of those that were made.
+
+    Returns:
+        One row a combination; NaN is None.
+    """
+    rows = []
+    for sensor in sensors_of(results):
+        seen = [r for r in results if r["sensor"] == sensor]
+        baselines = {name: {r["recording"]: r for r in reversed(seen) if r["predictor"] == name} for name in _BASELINES}
+        for predictor, cues in dict.fromkeys((r["predictor"], r["cues"]) for r in seen):
+            for clips in clips_of(seen):
+                named = {"sensor": sensor, "predictor": predictor, "cues": cues, **clips.labels}
+                chosen = [r for r in seen if (r["predictor"], r["cues"]) == (predictor, cues) and clips.hold(r)]
+                for i, horizon_s in enumerate(chosen[0]["horizons_s"] if chosen else ()):
+                    ratios = {f"ratio_to_{name}": _ratio(chosen, own, i) for name, own in baselines.items()}
+                    rows.append({**named, "horizon_s": float(horizon_s), **_figures(chosen, i), **ratios})
+    return rows
+
+
+def _ratio(chosen: Sequence[_Row], baseline: Mapping[str, _Row], i: int) -> float | None:
+    pairs = [(_error_m(r, i), _error_m(baseline[r["recording"]], i)) for r in chosen if r["recording"] in baseline]
+    known = np.array([pair for pair in pairs if np.isfinite(pair).all()])
+    if not known.size or not known[:, 1].any():
+        return None
+    own_m, baseline_m = known.mean(axis=0)
+    return float(own_m / baseline_m)
+
+
+def _error_m(result: _Row, i: int) -> float:
+    """Mean distance from the true head at the i-th horizon, metres; NaN where none is known."""
+    return _mean(np.linalg.norm(result["difference_m"][:, i], axis=-1))
+
+
+def _mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan
+
+
+def _figures(chosen: Sequence[_Row], i: int) -> dict[str, Any]:
+    people = [r["subject"] for r in chosen]
+    differences = [1e3 * r["difference_m"][:, i] for r in chosen]
+    distances = [np.linalg.norm(d, axis=-1) for d in differences]
+    frames = np.concatenate(distances)
+    frames = frames[np.isfinite(frames)]
+
+    def over_clips(values: Sequence[FloatArray]) -> float:
+        return _mean(np.array([_mean(v) for v in values]))
+
+    figures: dict[str, Any] = without_nan(
+        {
+            "error_true_p50_mm": float(np.percentile(frames, 50)) if frames.size else math.nan,
+            "error_true_p95_mm": float(np.percentile(frames, 95)) if frames.size else math.nan,
+            "error_filtered_mm": over_clips([1e3 * r["error_filtered_m"][:, i] for r in chosen]),
+            **{f"error_{name}_rms_mm": _rms(differences, k) for k, name in enumerate(_PARTS)},
+            **{f"coverage_{round(100 * p)}": over_clips([_inside(r, i, p) for r in chosen]) for p in _SHARES},
+            "nees": over_clips([r["nees"][:, i] for r in chosen]),
+            "update_us": float(np.median(np.concatenate([r["update_us"] for r in chosen]))),
+            "n_clips": sum(bool(np.isfinite(d).any()) for d in distances),
+            "n_people": len(set(people)),
+            "n_frames": int(frames.size),
+            "n_people_seen_in_fitting": len({r["subject"] for r in chosen if r["seen"]}),
+        }
+    )
+    return with_interval("error_true_mm", [_mean(d) for d in distances], people) | figures
+
+
+def _rms(differences: Sequence[FloatArray], part: int) -> float:
+    values = np.concatenate([d[:, part] for d in differences])
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+
+
+def _inside(result: _Row, i: int, share: float) -> FloatArray:
+    nees = result["nees"][:, i]
+    return np.where(np.isfinite(nees), inside(nees, result["degrees_of_freedom"], share), np.nan)
 
 
 def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
     """Mean error against horizon, a plot for each group; of several cues the first.
 
     Args:
-        rows: As of `experiments.forecast.summary.summarise`.
+        rows: As of `summarise`.
         sensor: The sensor.
     """
     rows = [r for r in rows if r["sensor"] == sensor and r["cues"] == rows[0]["cues"] and r["kind"] == "all"]
@@ -45,13 +135,7 @@ def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
     return plots
 
 
-# What `summary.json` says of a forecast that failed.
-FAILED = ("recording", "predictor", "cues", "sensor", "failed")
-# And of a recording that was left out.
-LEFT_OUT = ("recording", "sensor", "left_out")
-
-
-def forecast_page(summary: _Row, results: Sequence[ClipResult], pictures: Iterable[Path], command: str) -> Page:
+def forecast_page(summary: _Row, results: Sequence[_Row], pictures: Iterable[Path], command: str) -> Page:
     """The report of a comparison.
 
     Args:
@@ -76,11 +160,9 @@ def forecast_page(summary: _Row, results: Sequence[ClipResult], pictures: Iterab
             "seed": str(chosen["seed"]),
             "how": " ".join(about(summary)),
         },
-        tables=(
-            *(
-                forecast_table([row for row in rows if row["sensor"] == sensor], f"Sensor {sensor}")
-                for sensor in sensors_of(rows)
-            ),
+        tables=tuple(
+            forecast_table([row for row in rows if row["sensor"] == sensor], f"Sensor {sensor}")
+            for sensor in sensors_of(rows)
         ),
         charts=(*_over_horizon(rows), *_by_clip(results)),
         pictures={path: path.stem.replace("_", " ") for path in pictures},
@@ -100,36 +182,28 @@ def _answers(overall: Sequence[_Row]) -> Iterator[str]:
 
 def _over_horizon(rows: Sequence[_Row]) -> Iterator[Chart]:
     for sensor in sensors_of(rows):
-        yield replace(
-            plots_of(rows, sensor)[-1], title=f"Error over horizon: sensor {sensor}", y_label="mean error (mm)"
-        ).chart()
+        title = f"Error over horizon: sensor {sensor}"
+        yield replace(plots_of(rows, sensor)[-1], title=title, y_label="mean error (mm)").chart()
 
 
-def _by_clip(results: Sequence[ClipResult]) -> Iterator[Chart]:
-    looks = dict.fromkeys((r.predictor, r.cues) for r in results)
-    colours = {look: COLOURS[k % len(COLOURS)] for k, look in enumerate(looks)}
-    for sensor in dict.fromkeys(r.sensor for r in results):
-        horizons_s = next(r.errors.horizons_s for r in results if r.sensor == sensor)
+def _by_clip(results: Sequence[_Row]) -> Iterator[Chart]:
+    looks = dict.fromkeys((r["predictor"], r["cues"]) for r in results)
+    several = len({cues for _, cues in looks}) > 1
+    named = {look: (", ".join(look) if several else look[0], COLOURS[k % len(COLOURS)]) for k, look in enumerate(looks)}
+    for sensor in sensors_of(results):
+        here = [r for r in results if r["sensor"] == sensor]
+        horizons_s = here[0]["horizons_s"]
         middle = int(np.argsort(horizons_s)[len(horizons_s) // 2])
         clips: dict[tuple[str, str], dict[str, float]] = {}
-        for r in (r for r in results if r.sensor == sensor):
-            if np.isfinite(error_mm := 1e3 * error_m(r, middle)):
-                look = _name(r.predictor, r.cues, looks), colours[r.predictor, r.cues]
-                clips.setdefault(look, {})[Path(r.recording).stem] = error_mm
+        for r in here:
+            if np.isfinite(error_mm := 1e3 * _error_m(r, middle)):
+                clips.setdefault(named[r["predictor"], r["cues"]], {})[Path(r["recording"]).stem] = error_mm
         label = f"mean error {horizons_s[middle]:g} s ahead (mm)"
         yield share_of_clips(f"Clips by error: sensor {sensor}", label, clips).chart()
 
 
-def _name(predictor: str, cues: str, looks: Iterable[tuple[str, str]]) -> str:
-    return f"{predictor}, {cues}" if len({cues for _, cues in looks}) > 1 else predictor
-
-
 def _unusual(summary: _Row) -> Iterator[Unusual]:
-    if seen := max((row["n_people_seen_in_fitting"] for row in summary["rows"]), default=0):
-        yield Unusual(
-            f"the predictor walker was fitted on {count(seen, 'person', 'people')} of these recordings",
-            "Its errors are optimistic; for people left out see --walker.fitted.",
-        )
+    yield from seen_in_fitting(max((row["n_people_seen_in_fitting"] for row in summary["rows"]), default=0))
     for row in summary["failed"]:
         yield Unusual(f"failed: {row['predictor']} on {Path(row['recording']).stem}", row["failed"])
     for row in summary["left_out"]:
@@ -167,7 +241,7 @@ def forecast_table(rows: Sequence[_Row], title: str) -> PageTable:
     """The rows of one sensor.
 
     Args:
-        rows: As of `experiments.forecast.summary.summarise`.
+        rows: As of `summarise`.
         title: What stands above.
 
     Returns:
@@ -198,7 +272,7 @@ def forecast_table(rows: Sequence[_Row], title: str) -> PageTable:
         "p50": value("error_true_p50_mm"),
         "p95": value("error_true_p95_mm"),
         "to filtered [mm]": value("error_filtered_mm"),
-        **{name: value(f"error_{name}_rms_mm") for name in ("along", "across", "vertical")},
+        **{name: value(f"error_{name}_rms_mm") for name in _PARTS},
         **{f"within {share} %": value(f"coverage_{share}", ".2f") for share in (68, 90, 95)},
         "NEES": value("nees", ".1f"),
         "update [us]": value("update_us"),

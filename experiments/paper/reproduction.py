@@ -20,8 +20,7 @@ from scipy.stats import spearmanr
 from tqdm import tqdm
 
 from experiments.aggregate import with_interval
-from experiments.engine.choices import find_recordings, in_place
-from experiments.engine.command import Command, WorkSettings, check, check_optuna, exit_status
+from experiments.engine.command import Command, WorkSettings, check_optuna, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.paper import filters, validation
@@ -192,7 +191,7 @@ def validate(**settings: Any) -> dict[str, Row]:
         GazempcError: If no recording of a data set can be scored, or it has fewer than two subjects.
         MissingOptionalDependencyError: Without Optuna.
     """
-    return _validate(check(PaperSettings, "paper", settings))
+    return _validate(PaperSettings.of("paper", settings))
 
 
 def _run(settings: PaperSettings, _: str) -> int:

@@ -15,24 +15,12 @@ from typing import Annotated, Any
 import tyro
 from pydantic import Field
 
-from experiments.engine.choices import check_fitted, find_recordings, in_place
-from experiments.engine.command import Command, WorkSettings, check, exit_status
+from experiments.engine.command import Command, WorkSettings, check_fitted, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
+from experiments.plots import draw
+from experiments.rivals import plan
 from experiments.rivals.jobs import NAMES, RivalJob
-from experiments.rivals.plan import (
-    ALL_WALKS,
-    LABELS,
-    WITH_MODEL,
-    WITHOUT_MODEL,
-    at_their_best,
-    by_error,
-    labelled,
-    make_jobs,
-    summarise,
-    wrong_jobs,
-)
-from experiments.rivals.presentation import draw_contact, error_tables, page_tables
 from experiments.rivals.simulate import on_the_head
 from experiments.rivals.trials import TRIALS, TURNS
 from gazempc.errors import SettingsError, suggest
@@ -89,8 +77,8 @@ def rivals(**settings: Any) -> list[Row]:
     Raises:
         GazempcError: On bad input, before anything runs.
     """
-    runs, _, _ = _done(check(RivalsSettings, "rivals", settings))
-    return summarise(at_their_best(runs))
+    runs, _, _ = _done(RivalsSettings.of("rivals", settings))
+    return plan.summarise(plan.at_their_best(runs))
 
 
 def _jobs(settings: RivalsSettings) -> list[RivalJob]:
@@ -106,18 +94,18 @@ def _jobs(settings: RivalsSettings) -> list[RivalJob]:
         for words in (settings.recordings or SYNTHETIC, settings.standing or STANDING)
     )
     if settings.wrong_model:
-        return make_jobs(settings.rivals, walks, necks[:1], sensors[:1], settings.seed, _WRONG_TRIALS)
-    return make_jobs(settings.rivals, walks, necks, sensors, settings.seed, settings.trials, standing)
+        return plan.make_jobs(settings.rivals, walks, necks[:1], sensors[:1], settings.seed, _WRONG_TRIALS)
+    return plan.make_jobs(settings.rivals, walks, necks, sensors, settings.seed, settings.trials, standing)
 
 
 def _done(settings: RivalsSettings) -> tuple[list[Row], list[Row], int]:
     """Runs with figures, those that failed, and how many were left out."""
     jobs = [replace(job, walker=settings.walker) for job in _jobs(settings)]
     with Engine(settings.out / "runs", settings.jobs, settings.dask, unit="run") as engine:
-        runs = labelled(jobs, engine.run(jobs))
+        runs = plan.labelled(jobs, engine.run(jobs))
         if settings.wrong_model:
-            wrong = wrong_jobs(jobs, runs)
-            runs += labelled(wrong, engine.run(wrong))
+            wrong = plan.wrong_jobs(jobs, runs)
+            runs += plan.labelled(wrong, engine.run(wrong))
     failed = [run for run in runs if run["failed"]]
     done = [run for run in runs if not run["failed"] and not run["left_out"]]
     return done, failed, len(runs) - len(done) - len(failed)
@@ -142,19 +130,20 @@ def _run(settings: RivalsSettings, command: str) -> int:
 
 
 def _gazes(settings: RivalsSettings, runs: Sequence[Row]) -> tuple[list[Row], list[PageTable], list[Path]]:
-    rows, drawn = summarise(at_their_best(runs)), []
-    for sensor in dict.fromkeys(row["sensor"] for row in rows if row["trial"] == ALL_WALKS):
+    rows, drawn = plan.summarise(plan.at_their_best(runs)), []
+    for sensor in dict.fromkeys(row["sensor"] for row in rows if row["trial"] == plan.ALL_WALKS):
         drawn.append(settings.out / f"contact_{sensor}.png")
-        draw_contact([row for row in rows if row["sensor"] == sensor], ALL_WALKS, drawn[-1])
-    return rows, page_tables(rows), drawn
+        plots = plan.contact_plots([row for row in rows if row["sensor"] == sensor])
+        draw(plots, drawn[-1], f"walks, sensor {sensor}", log_x=True)
+    return rows, plan.page_tables(rows), drawn
 
 
 def _wrong_model(runs: Sequence[Row]) -> tuple[list[Row], list[PageTable], list[Path]]:
-    found = by_error([run for run in runs if run["rival"] in WITH_MODEL])
-    level = summarise(at_their_best([run for run in runs if run["rival"] in WITHOUT_MODEL]))
-    shown = {LABELS[name]: [row for row in rows if row["trial"] == ALL_WALKS] for name, rows in found.items()}
+    found = plan.by_error([run for run in runs if run["rival"] in plan.WITH_MODEL])
+    level = plan.summarise(plan.at_their_best([run for run in runs if run["rival"] in plan.WITHOUT_MODEL]))
+    shown = {plan.LABELS[name]: [row for row in rows if row["trial"] == plan.ALL_WALKS] for name, rows in found.items()}
     rows = [*(row for rows in found.values() for row in rows), *level]
-    return rows, error_tables(shown, [row for row in level if row["trial"] == ALL_WALKS]), []
+    return rows, plan.error_tables(shown, [row for row in level if row["trial"] == plan.ALL_WALKS]), []
 
 
 main = Command("rivals", RivalsSettings, __doc__, _run).main

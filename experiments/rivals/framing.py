@@ -19,14 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from pydantic import Field
 
 from experiments.aggregate import bootstrap_mean
-from experiments.engine.choices import find_recordings, in_place
-from experiments.engine.command import Command, WorkSettings, exit_status
+from experiments.engine.command import Command, WorkSettings, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
+from experiments.pages import markdown, with_ends
+from experiments.plots import Plot, draw, points
 from experiments.rivals.jobs import RivalJob
 from experiments.rivals.simulate import simulate
 from experiments.rivals.trials import STAND, STOP, Trial, make_trial
@@ -34,7 +34,6 @@ from gazempc.files.whole import write_whole
 from gazempc.neck.picture import Framing
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.neck.speed_steps import SpeedSteps
-from gazempc.results.figures.style import DPI, readable
 from gazempc.results.log import Log
 from gazempc.results.metrics import measure
 from gazempc.results.run_summary import versions
@@ -154,14 +153,11 @@ def _jobs(settings: FramingSettings) -> list[FramingJob]:
     people = [(STOP, in_place(name)) for name in find_recordings(settings.recordings)]
     people += [(STAND, in_place(name)) for name in find_recordings(settings.standing)] if settings.standing else []
     return [
-        FramingJob(
-            law, trial, name, DEVICES[device].neck(device), DEVICES[device].sensor(), 0, constants, framing=given
-        )
-        for device in settings.devices
+        FramingJob(law, trial, name, device.neck(label), device.sensor(), 0, constants, framing=settings.framing)
+        for label, device in ((label, DEVICES[label]) for label in settings.devices)
         for law in settings.laws
         for constants in _TRIED.get(law, ({},))
         for trial, name in people
-        for given in (settings.framing,)
     ]
 
 
@@ -177,7 +173,8 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
     rows = []
     for device, law in dict.fromkeys((run["device"], run["law"]) for run in runs):
         here = [run for run in runs if (run["device"], run["law"]) == (device, law)]
-        tried = [_means([run for run in here if run["constants"] == each]) for each in {r["constants"] for r in here}]
+        constants = dict.fromkeys(run["constants"] for run in here)
+        tried = [_means([run for run in here if run["constants"] == each]) for each in constants]
         most = max(row["time_in_zone"] for row in tried)
         level = [row for row in tried if row["time_in_zone"] > most - _LEVEL]
         rows.append(min(level, key=lambda row: float(row["reversals_per_min"])))
@@ -186,10 +183,10 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
 
 def _means(runs: Sequence[Row]) -> Row:
     row: Row = {name: runs[0][name] for name in ("device", "law", "constants")} | {"n_clips": len(runs)}
+    people = [run["subject"] for run in runs]
     for name in FIGURES:
-        known = [(run[name], run["subject"]) for run in runs if run[name] is not None]
-        mean, low, high = bootstrap_mean(*map(list, zip(*known, strict=True))) if known else (math.nan,) * 3
-        row |= {name: mean, f"{name}_ci95": [low, high]}
+        mean, *ends = bootstrap_mean([math.nan if run[name] is None else run[name] for run in runs], people)
+        row |= {name: mean, f"{name}_ci95": ends}
     return row
 
 
@@ -207,49 +204,30 @@ def _verdicts(rows: Sequence[Row]) -> Iterator[str]:
     yield "Goal, more time in zone at less than half the reversals: " + "; ".join(reached) + "."
 
 
+_HEADINGS = ("in zone [%]", "acceleration [rad/s²]", "reversals [1/min]", "travel [deg/min]", "back after [s]")
+
+
 def table(rows: Sequence[Row]) -> str:
     """The table in Markdown."""
-    lines = [
-        "| device | law | in zone [%] | acceleration [rad/s²] | reversals [1/min] | travel [deg/min] | back after [s] |"
-    ]
-    lines.append("|---|---|---|---|---|---|---|")
+    lines = []
     for row in rows:
-        cells = [
-            f"{factor * row[name]:.{digits}f}"
-            for name, factor, digits in zip(FIGURES, (100, 1, 1, 1, 1), (1, 2, 1, 0, 2), strict=True)
-        ]
-        low, high = row["time_in_zone_ci95"]
-        cells[0] += f" ({100 * low:.0f} to {100 * high:.0f})"
-        lines.append(" | ".join(["| " + row["device"], row["law"], *cells]) + " |")
-    return "\n".join(lines)
+        cells = (f"{row[name]:{form}}" for name, form in zip(FIGURES[1:], (".2f", ".1f", ".0f", ".2f"), strict=True))
+        zone = with_ends(row["time_in_zone"], row["time_in_zone_ci95"], ".1f", 100.0)
+        lines.append((row["device"], row["law"], zone, *cells))
+    return markdown(("device", "law", *_HEADINGS), lines)
 
 
-def draw(rows: Sequence[Row], path: Path) -> None:
-    """Time in zone against acceleration and against reversals, a row of panels each, a column for each device."""
-    devices, laws = (list(dict.fromkeys(row[key] for row in rows)) for key in ("device", "law"))
-    with readable(4.0 * len(devices)):
-        plot = Figure(figsize=(4.0 * len(devices), 7.5), layout="constrained")
-        panels = plot.subplots(2, len(devices), sharey=True, squeeze=False)
-        for (i, j), ax in np.ndenumerate(panels):
-            for row in (row for row in rows if row["device"] == devices[j]):
-                k, name = laws.index(row["law"]), ("rms_acceleration_rad_s2", "reversals_per_min")[i]
-                at, share = row[name], 100.0 * row["time_in_zone"]
-                ax.errorbar(
-                    at, share, np.abs(100.0 * np.array([row["time_in_zone_ci95"]]).T - share), fmt="osD^vP"[k % 6],
-                    color=f"C{k}", ms=9 if row["law"] == OURS else 6, label=row["law"],
-                )  # fmt: skip
-            ax.set_xlabel(("RMS acceleration (rad/s$^2$)", "reversals a minute")[i])
-            ax.set_xlim(left=0.0)
-            ax.grid(alpha=0.3)
-            if not i:
-                ax.set_title(
-                    f"{devices[j]}, {DEVICES[devices[j]].dead_time_s + DEVICES[devices[j]].latency_s:.2g} s late"
-                )
-            if not j:
-                ax.set_ylabel("time in zone (%)")
-        handles, labels = panels[0, 0].get_legend_handles_labels()
-        plot.legend(handles, labels, loc="outside lower center", ncols=len(laws))
-        plot.savefig(path, dpi=DPI)
+def plots_of(rows: Sequence[Row]) -> list[Plot]:
+    """Time in zone against acceleration, then against reversals, a plot for each device."""
+    plots = []
+    axes = {"rms_acceleration_rad_s2": "RMS acceleration (rad/s$^2$)", "reversals_per_min": "reversals a minute"}
+    for x, label in axes.items():
+        for device in dict.fromkeys(row["device"] for row in rows):
+            here = {row["law"]: row for row in rows if row["device"] == device}
+            late_s = DEVICES[device].dead_time_s + DEVICES[device].latency_s
+            lines = points(here, x, "time_in_zone", 100.0, {})
+            plots.append(Plot(f"{device}, {late_s:.2g} s late", label, "time in zone (%)", lines))
+    return plots
 
 
 def _run(settings: FramingSettings, command: str) -> int:
@@ -262,11 +240,11 @@ def _run(settings: FramingSettings, command: str) -> int:
     ]
     failed = [run for run in runs if run["failed"]]
     rows = summarise([run for run in runs if not run["failed"] and not run["left_out"]])
-    text = "\n".join([*_verdicts(rows), "", table(rows), "", f"`{command}`", ""])
+    text = "\n".join([*_verdicts(rows), "", table(rows), f"`{command}`", ""])
     write_whole(settings.out / "framing.md", text)
     saved: Mapping[str, Any] = {"settings": settings.saved(), "versions": versions(), "rows": rows}
     write_whole(settings.out / "framing.json", json.dumps(saved, indent=2) + "\n")
-    draw(rows, settings.out / "framing.png")
+    draw(plots_of(rows), settings.out / "framing.png", "means over clips, 95 % intervals over people", rows=2)
     print(text)
     for run in failed:
         print(run["law"], run["device"], run["failed"])

@@ -13,11 +13,9 @@ import numpy as np
 from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from experiments.rivals.laws import RIVALS
 from experiments.rivals.laws.frigate import Frigate, FrigateCalibration, MoveTime
-from experiments.rivals.motor import Motor, driven_by
-from experiments.rivals.response import recontact_s, response
 from experiments.rivals.rival import HeadCamera, Rival, View
-from experiments.rivals.simulate import simulate
-from experiments.rivals.trials import Trial, make_trial
+from experiments.rivals.simulate import Motor, driven_by, simulate
+from experiments.rivals.trials import Trial, make_trial, recontact_s, response
 from gazempc.errors import LeftOutError
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import Log

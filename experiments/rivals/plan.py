@@ -1,4 +1,4 @@
-"""Which jobs a comparison of rivals is, and the figures of one that has free constants at its best."""
+"""Which jobs a comparison of rivals is; its rows, of a rival with free constants at its best, tables and plots."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ from typing import Any
 
 from experiments.aggregate import with_interval
 from experiments.engine.job import Row
+from experiments.pages import with_ends
+from experiments.plots import Plot, points
 from experiments.rivals.jobs import FIGURES, NAMES, OURS, ModelError, RivalJob
 from experiments.rivals.laws import RIVALS
 from experiments.rivals.trials import ALONE, LOSS, POSTURES, STILL, TRIALS, WALKS, takes
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
 from gazempc.results.contact import CONTACT_DEG
+from gazempc.results.figures.style import style
+from gazempc.results.page.content import PageTable
 from gazempc.sim.sensor import SensorSpec
 
 # Combined trials, under names of their own.
@@ -231,3 +235,94 @@ def by_error(runs: Sequence[Row]) -> dict[str, list[dict[str, Any]]]:
         ]
         for name, errors in _ERRORS.items()
     }
+
+
+# Heading, figure, factor, format.
+_Column = tuple[str, str, float, str]
+_ANSWERS: tuple[_Column, ...] = (
+    ("overshoot (deg)", "overshoot_deg", 1.0, ".2f"),
+    ("settling to 1 deg (s)", "settling_s", 1.0, ".2f"),
+    ("to 2.6 deg (s)", "settling_2p6_s", 1.0, ".2f"),
+    ("reversals", "reversals", 1.0, ".1f"),
+    ("rests off the face by (deg)", "rest_error_deg", 1.0, ".2f"),
+)
+_GAZES: tuple[_Column, ...] = (
+    ("contact (%)", "eye_contact_2p6", 100.0, ".1f"),
+    ("RMS error (deg)", "gaze_error_rms_deg", 1.0, ".2f"),
+    ("RMS acceleration (rad/s2)", "rms_acceleration_rad_s2", 1.0, ".2f"),
+)
+_BEHIND_MPC: _Column = ("behind the MPC (points)", BEHIND, 100.0, ".1f")
+_COLUMNS: dict[str, tuple[_Column, ...]] = {
+    ALL_STILL: (*_ANSWERS, *_GAZES[:1]),
+    "step": _ANSWERS,
+    "ramp": (*_ANSWERS, *_GAZES),
+    **dict.fromkeys((*POSTURES, ALL_WALKS), (*_GAZES[:1], _BEHIND_MPC, *_GAZES[1:])),
+    LOSS: (("back in contact after (s)", "recontact_s", 1.0, ".2f"), *_GAZES),
+}
+
+
+def page_tables(rows: Sequence[Row]) -> list[PageTable]:
+    """All tables, the best first.
+
+    Args:
+        rows: Rows as of `summarise`.
+
+    Returns:
+        One for each trial, neck and sensor; the first cell of a row is the rival.
+    """
+    found = []
+    for trial, columns in _COLUMNS.items():
+        of_trial = [row for row in rows if row["trial"] == trial]
+        for neck, sensor in dict.fromkeys((row["neck"], row["sensor"]) for row in of_trial):
+            here = [row for row in of_trial if (row["neck"], row["sensor"]) == (neck, sensor)]
+            cells = tuple(
+                (row["rival"], *(with_ends(row[name], row[f"{name}_ci95"], form, by) for _, name, by, form in columns))
+                for row in here
+            )
+            headings = ("", *(heading for heading, *_ in columns))
+            found.append(PageTable(f"{trial}, neck {neck}, sensor {sensor}", headings, cells))
+    return found
+
+
+# Colours that colour-blind people tell apart (Paul Tol's muted scheme); with the markers more rivals than there are.
+_COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733", "#AA4499", "#DDCC77")
+
+
+def contact_plots(rows: Sequence[Row]) -> list[Plot]:
+    """Eye contact on walks against acceleration, every rival a point, a plot for each neck.
+
+    Args:
+        rows: Rows as of `summarise`, of one sensor.
+    """
+    colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(NAMES)}
+    colours |= {f"ours: {name}": style(name).colour for name in OURS}
+    walks = sorted((row for row in rows if row["trial"] == ALL_WALKS), key=lambda row: NAMES.index(row["rival"]))
+    plots = []
+    for neck in dict.fromkeys(row["neck"] for row in walks):
+        here = {f"{'ours: ' * (r['rival'] in OURS)}{r['rival']}": r for r in walks if r["neck"] == neck}
+        lines = points(here, "rms_acceleration_rad_s2", "eye_contact_2p6", 100.0, colours)
+        x, y = "RMS joint acceleration (rad/s$^2$)", "eye contact within 2.6 deg (% of the time)"
+        plots.append(Plot(f"neck {neck}", x, y, lines))
+    return plots
+
+
+def error_tables(by_label: Mapping[str, Sequence[Row]], level: Sequence[Row]) -> list[PageTable]:
+    """Eye contact with wrong models.
+
+    Args:
+        by_label: Rows with ``rival``, ``by`` and ``eye_contact_2p6``, by the label of the error.
+        level: Rows of rivals without a model.
+
+    Returns:
+        A table for each error, and one of the laws without a model.
+    """
+    tables = []
+    for label, of_error in by_label.items():
+        ticks = sorted({row["by"] for row in of_error})
+        lines = []
+        for rival in dict.fromkeys(row["rival"] for row in of_error):
+            percent = {row["by"]: 100.0 * row["eye_contact_2p6"] for row in of_error if row["rival"] == rival}
+            lines.append((rival, *(f"{percent[by]:.1f}" if by in percent else "-" for by in ticks)))
+        tables.append(PageTable(f"Eye contact in %, by {label}", ("", *(f"{by:+g}" for by in ticks)), tuple(lines)))
+    without = tuple((row["rival"], f"{100.0 * row['eye_contact_2p6']:.1f}") for row in level)
+    return [*tables, PageTable("Eye contact in % of laws without a model", ("", "all errors"), without)]

@@ -1,7 +1,8 @@
 """A scene with a rival in the place of our loop, which sees faces in a camera on the moving head.
 
 Rivals and ours see the same people with the same errors, losses and delays. The sensor's observations are put back into
-the image of a camera that was where the head was. The log is like any other.
+the image of a camera that was where the head was. A rival drives its neck by angles or by speeds, no faster than the
+motors turn. The log is like any other.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.motor import EncoderHistory, Motor, driven_by
 from experiments.rivals.rival import Detection, HeadCamera, Rival, View
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
@@ -24,6 +25,7 @@ from gazempc.results.log import Log, RunInfo
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.tables import FieldOfView
 from gazempc.sim.sensor import SensorSpec, observe
+from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, JointState, Sighting
 
 # Field of view and aspect of the Raspberry Pi Camera Module 3 Wide, as on Reachy Mini: 102 by 67 degrees.
@@ -103,6 +105,123 @@ def detect(
         range_m=range_m,
         box_px=np.maximum(box_px, 1.0),
     )
+
+
+# Bounds of velocity and position error of a device at rest.
+_STILL_RAD_S, _THERE_RAD = np.deg2rad(0.5), np.deg2rad(0.25)
+
+
+def driven_by(neck: NeckSpec, command: Literal["position", "velocity"]) -> NeckSpec:
+    """The same neck with joints that take angles, or speeds.
+
+    Args:
+        neck: The neck.
+        command: What its joints are to take.
+
+    Returns:
+        The neck; dead time, servo and limits are the same.
+    """
+    given = {"command": command} if command == "velocity" else {"command": command, "speed_steps": None}
+    axes = {name: axis.model_copy(update=given) for name, axis in (("pan", neck.pan), ("tilt", neck.tilt))}
+    return neck.model_copy(update=axes)
+
+
+class Motor:
+    """Holds the command of a rival, and sends it at every tick.
+
+    Angles are cut to the joint's range, and a jump becomes a move at top speed, as a motor makes it. Speeds are cut to
+    the top speed.
+
+    Args:
+        neck: The neck, with joints that take what the rival gives.
+        start_rad: Where it stands at rest, shape (2,), radians.
+        clock_s: The present time, seconds.
+        seed: Of the encoders' noise.
+    """
+
+    def __init__(self, neck: NeckSpec, start_rad: FloatArray, clock_s: Callable[[], float], seed: int) -> None:
+        self._neck, self._clock_s, self._takes_speeds = neck, clock_s, neck.takes_speeds
+        self._robot = SimulatedNeck(neck, start_rad, clock_s, seed)
+        self._robot.connect()
+        self.sent = np.zeros(2) if self._takes_speeds else np.array(start_rad)
+        self._wanted = self.sent.copy()
+        self._sent_s: float | None = None
+        self._changed_s = -np.inf
+
+    def true_state(self) -> JointState:
+        """True state of the joints."""
+        return self._robot.true_state()
+
+    def reading(self) -> JointState:
+        """Measured state of the joints."""
+        return self._robot.read_state() or self._robot.true_state()
+
+    def ask(self, command: FloatArray) -> None:
+        """Take a rival's answer: angles or speeds, shape (2,); held until the next one."""
+        neck = self._neck
+        if self._takes_speeds:
+            low, high = -neck.velocity_max_rad_s, neck.velocity_max_rad_s
+        else:
+            low, high = neck.position_min_rad, neck.position_max_rad
+        self._wanted = np.minimum(np.maximum(command, low), high)
+
+    def tick(self) -> None:
+        """Send the present command."""
+        now_s = self._clock_s()
+        sent = self._wanted
+        if not self._takes_speeds:
+            passed_s = 0.0 if self._sent_s is None else now_s - self._sent_s
+            most = self._neck.velocity_max_rad_s * passed_s
+            sent = self.sent + np.minimum(np.maximum(self._wanted - self.sent, -most), most)
+        if np.any(np.abs(sent - self.sent) > 1e-9):
+            self._changed_s = now_s
+        self.sent, self._sent_s = sent, now_s
+        self._robot.send_command(sent)
+
+    @property
+    def idle(self) -> bool:
+        """Whether the device is at rest without a pending move."""
+        state = self._robot.true_state()
+        if np.any(np.abs(state.velocity_rad_s) > _STILL_RAD_S) or np.any(np.abs(self._wanted - self.sent) > 1e-9):
+            return False
+        if self._takes_speeds and np.any(self.sent != 0.0):
+            return False
+        if self._clock_s() - self._changed_s <= float(np.max(self._neck.dead_time_s)):
+            return False
+        return self._takes_speeds or bool(np.all(np.abs(self.sent - state.position_rad) <= _THERE_RAD))
+
+
+_KEPT_S = 3.0
+# Tolerance of times before the first and after the last reading.
+_NEAR_S = 0.05
+
+
+class EncoderHistory:
+    """Readings of the last 3 s."""
+
+    def __init__(self) -> None:
+        self._readings: deque[JointState] = deque()
+
+    def note(self, reading: JointState) -> None:
+        """Add a reading, later than all before."""
+        self._readings.append(reading)
+        while self._readings[0].time_s < reading.time_s - _KEPT_S:
+            self._readings.popleft()
+
+    def at(self, time_s: float) -> FloatArray | None:
+        """Pan and tilt at a time: linear between readings, else the nearest end.
+
+        Args:
+            time_s: The time, seconds.
+
+        Returns:
+            Shape (2,), radians; None if it is more than 0.05 s away from all readings.
+        """
+        times_s = [reading.time_s for reading in self._readings]
+        if not times_s or not times_s[0] - _NEAR_S <= time_s <= times_s[-1] + _NEAR_S:
+            return None
+        angles_rad = np.array([reading.position_rad for reading in self._readings])
+        return np.array([np.interp(time_s, times_s, angle_rad) for angle_rad in angles_rad.T])
 
 
 # Steps of the simulation a second, if the neck itself has no more.

@@ -6,14 +6,13 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, Field, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
-from experiments.engine.choices import options_of, sensors_by_name
+from experiments.engine.command import options_of, sensors_by_name
 from experiments.engine.replays import ReplayJob
 from gazempc.errors import SettingsError, suggest
 from gazempc.neck.spec import Axis, Geometry, NeckSpec, load_neck
@@ -21,7 +20,7 @@ from gazempc.settings import GazeChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import SensorSpec, load_sensor
 
-# Options of parts of the user's own are checked together, see `experiments.engine.choices`.
+# Options of parts of the user's own are checked together, see `experiments.engine.command`.
 OPTION = "options."
 DEAD_TIME_SCALE = "model.dead_time_scale"
 
@@ -149,29 +148,14 @@ Values = Mapping[str, Any]
 Spec = TypeVar("Spec", bound=BaseModel)
 
 
-@dataclass(frozen=True)
-class Variant:
-    """All that a run needs besides the recording; see `experiments.engine.replays.ReplayJob` for its parts."""
-
-    controller: str
-    settings: ReplaySettings
-    neck: NeckSpec
-    robot_neck: NeckSpec
-    sensors: Mapping[str, SensorSpec]
-
-    def on(self, recording: str) -> ReplayJob:
-        """The run with a recording."""
-        return ReplayJob(recording, self.controller, self.settings, self.neck, self.robot_neck, self.sensors)
-
-
-def resolve(values: Values) -> Variant:
+def resolve(values: Values) -> ReplayJob:
     """Apply values to the default settings, the neck and the sensor.
 
     Args:
         values: Value by dotted name; ``neck.both.X`` is set on pan and tilt, and a value that names its axis wins.
 
     Returns:
-        What to run.
+        The run, without its recording.
 
     Raises:
         SettingsError: With everything that is wrong, one line each; or if a part of the user's own is not there.
@@ -193,7 +177,7 @@ def resolve(values: Values) -> Variant:
     model_neck = robot_neck if scale == 1.0 else _changed(robot_neck, wrong)
     changes = _under("sensor.", checked)
     sensors = {name: _changed(sensor, changes) for name, sensor in sensors_by_name(settings.sensor).items()}
-    return Variant(checked["controller"], settings, model_neck, robot_neck, sensors)
+    return ReplayJob("", checked["controller"], settings, model_neck, robot_neck, sensors)
 
 
 def _under(prefix: str, values: Values) -> dict[str, Any]:

@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import GROUP_ORDER, bootstrap_mean, groups_of
+from experiments.aggregate import GROUP_ORDER, METRICS, bootstrap_mean, groups_of
 from experiments.engine.job import Row
-from experiments.pages import failures, left_out, survived
+from experiments.pages import unusual
 from experiments.plots import Line, Plot
 from experiments.sweep.names import with_unit
 from experiments.sweep.plan import Point, SweepPlan, Walk
-from experiments.sweep.spec import METRICS, Case, Objective, direction_of
+from experiments.sweep.spec import Case, Objective, direction_of
 from gazempc.results.figures.style import COLOURS, styles
-from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.page.content import Page, PageTable
 from gazempc.results.run_summary import LABELS as CONTROLLER_LABELS
 
 
@@ -293,7 +293,7 @@ def sweep_page(
         tables=(means_table(plan, table, "Means over clips"),),
         charts=tuple(plot.chart() for plot in plots if not plot.ticks),
         pictures={path: f"{plot.y_label} over {plot.x_label}" for path, plot in pictures.items()},
-        unusual=tuple(_unusual(summary)),
+        unusual=tuple(unusual(summary, summary["limit_violations"])),
         command=command,
         settings=summary["spec"],
     )
@@ -306,11 +306,3 @@ def _answers(plan: SweepPlan, overall: Sequence[Row]) -> Iterator[str]:
             best = (max if objective.direction == "maximize" else min)(known, key=lambda row: row[objective.metric])
             most = "Highest" if objective.direction == "maximize" else "Lowest"
             yield f"{most} {with_unit(objective.metric)}: {best[objective.metric]:.4g}, of {point_name(plan, best)}."
-
-
-def _unusual(summary: Row) -> Iterator[Unusual]:
-    if violations := summary["limit_violations"]:
-        yield Unusual(f"{violations} violations of a neck's limits")
-    yield from failures(summary["failed"])
-    yield from survived(summary["faults"])
-    yield from left_out(summary["left_out"])

@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from experiments.engine.choices import check_parts, find_recordings, in_place
+from experiments.engine.command import check_parts, find_recordings, in_place
 from experiments.sweep.names import OPTION, resolve, setting_fields
-from experiments.sweep.spec import Case, Range, SweepSpec, lines_of
+from experiments.sweep.spec import Case, Range, SweepSpec
 from gazempc.errors import GazempcError, SettingsError, shown, suggest
 from gazempc.files.bounds import is_there
 from gazempc.files.documents import parse_yaml, read_settings
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.settings import DEFAULT_PREDICTOR
+from gazempc.specfiles import explain
 from gazempc.types import FloatArray
 
 
@@ -49,7 +50,7 @@ def read_walks(words: Sequence[str], reading: ReadOptions) -> tuple[tuple[Walk, 
     """Read recordings.
 
     Args:
-        words: As for `experiments.engine.choices.find_recordings`.
+        words: As for `experiments.engine.command.find_recordings`.
         reading: What the user says about the files.
 
     Returns:
@@ -187,7 +188,7 @@ def load_plan(
     try:
         spec = SweepSpec.model_validate(data)
     except ValidationError as error:
-        problems = lines_of(error, SweepSpec)
+        problems = [line.removeprefix(f"{path}: ") for line in explain(error, str(path), SweepSpec).splitlines()]
     words = recordings or data.get("recordings", ["synthetic"])
     walks: tuple[Walk, ...] = ()
     if isinstance(words, (list, tuple)) and words and all(isinstance(word, str) for word in words):

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import fields
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from experiments.aggregate import METRICS
 from experiments.sweep.names import check_name, check_settings, check_value, is_number, setting_fields
 from gazempc.errors import shown, suggest
-from gazempc.results.metrics import Metrics
-from gazempc.results.run_summary import ComputeMetrics
+from gazempc.specfiles import explain
 
 Design = Literal["grid", "random", "sobol", "optuna"]
 Direction = Literal["maximize", "minimize"]
 
-METRICS = tuple(f.name for model in (Metrics, ComputeMetrics) for f in fields(model))
-TIMING = tuple(f.name for f in fields(ComputeMetrics))
 # What a figure may put on an axis besides the settings that vary.
 LABELS = ("case", "group", "controller")
 _MORE_IS_BETTER = ("eye_contact_2p6", "eye_contact_4", "eye_contact_9", "sparc", "ldlj")
@@ -60,7 +57,7 @@ def _check_vary(vary: dict[str, Any]) -> dict[str, Any]:
             try:
                 checked[name] = Range.model_validate(entry)
             except ValidationError as error:
-                problems += [f"{name}.{line}" for line in lines_of(error, Range)]
+                problems += explain(error, name, Range).splitlines()
             else:
                 problems += [f"{name}: {problem}" for problem in _range_problems(name, checked[name])]
         else:
@@ -211,37 +208,3 @@ class SweepSpec(_Strict):
 def direction_of(metric: str) -> Direction:
     """Whether more or less of a metric is better."""
     return "maximize" if metric in _MORE_IS_BETTER else "minimize"
-
-
-def lines_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """All errors of a validation, one line each, with what a misspelt key perhaps means.
-
-    Args:
-        error: What pydantic found.
-        model: The model that was validated.
-
-    Returns:
-        Lines ``place: problem``.
-    """
-    lines = []
-    places = [item["loc"] for item in error.errors()]
-    for item in error.errors():
-        depth = len(item["loc"])
-        if item["type"] == "too_short" and any(p[:depth] == item["loc"] and len(p) > depth for p in places):
-            continue  # its parts were wrong, and are named
-        place = ".".join(str(part) for part in item["loc"]) or "(whole file)"
-        if item["type"] == "extra_forbidden":
-            keys = _keys_at(model, item["loc"][:-1])
-            lines.append(f"{place}: unknown key; {suggest(str(item['loc'][-1]), keys)}")
-        elif item["type"] == "value_error":
-            lines += [f"{place}: {line}" for line in str(item["ctx"]["error"]).splitlines()]
-        elif item["type"] == "missing":
-            lines.append(f"{place}: missing")
-        else:
-            lines.append(f"{place}: {item['msg']} (given: {shown(item['input'], 100)})")
-    return lines
-
-
-def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> Iterable[str]:
-    inside: dict[str, type[BaseModel]] = {"cases": Case, "objectives": Objective, "figures": Figures}
-    return inside.get(str(location[0]), model).model_fields if location else model.model_fields

@@ -4,38 +4,26 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 from pydantic import Field
 
-from experiments.engine.choices import name_parts
-from experiments.engine.command import Command, WorkSettings, check_optuna, exit_status
+from experiments.engine.command import Command, WorkSettings, check_optuna, exit_status, name_parts
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.replays import all_faults
 from experiments.pages import write_csv, write_results
 from experiments.plots import draw
+from experiments.sweep import page
 from experiments.sweep.names import resolve
-from experiments.sweep.page import (
-    objective_means,
-    pareto_front,
-    plots_of,
-    point_table,
-    recorded_or_synthetic,
-    run_row,
-    sweep_page,
-)
 from experiments.sweep.plan import Point, SweepPlan, case_seed, is_whole, load_plan, shipped_studies
 from experiments.sweep.spec import Case, Range
 from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
-
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
-    from optuna.trial import FrozenTrial
 
 # Trials proposed together and evaluated in parallel. Fixed, not the number of workers, so that the trials do not
 # depend on the machine.
@@ -69,7 +57,7 @@ def tune(plan: SweepPlan, case: Case, score: Score) -> list[Point]:
     space = {name: _distribution(name, entry) for name, entry in case.vary.items()}
     wanted = case.n or 0
     points: list[Point] = []
-    finished: list[FrozenTrial] = []
+    finished: list[Any] = []  # Optuna's trials
     for start in range(0, wanted, BATCH):
         batch = _propose(plan, case, finished, space)[: wanted - start]
         for point, values in zip(batch, score(batch), strict=True):
@@ -79,9 +67,7 @@ def tune(plan: SweepPlan, case: Case, score: Score) -> list[Point]:
     return points
 
 
-def _propose(
-    plan: SweepPlan, case: Case, finished: Sequence[FrozenTrial], space: dict[str, BaseDistribution]
-) -> list[Point]:
+def _propose(plan: SweepPlan, case: Case, finished: Sequence[Any], space: dict[str, Any]) -> list[Point]:
     import optuna  # noqa: PLC0415
 
     seed = np.random.SeedSequence([*case_seed(case, plan.spec.seed), len(finished)]).generate_state(1)[0]
@@ -93,18 +79,14 @@ def _propose(
     return [study.ask(space).params for _ in range(BATCH)]
 
 
-def _distribution(name: str, entry: Any) -> BaseDistribution:
-    from optuna.distributions import (  # noqa: PLC0415
-        CategoricalDistribution,
-        FloatDistribution,
-        IntDistribution,
-    )
+def _distribution(name: str, entry: Any) -> Any:
+    from optuna import distributions  # noqa: PLC0415
 
     if not isinstance(entry, Range):
-        return CategoricalDistribution(entry)
+        return distributions.CategoricalDistribution(entry)
     if is_whole(name, entry):
-        return IntDistribution(int(entry.low), int(entry.high), log=entry.log)
-    return FloatDistribution(entry.low, entry.high, log=entry.log)
+        return distributions.IntDistribution(int(entry.low), int(entry.high), log=entry.log)
+    return distributions.FloatDistribution(entry.low, entry.high, log=entry.log)
 
 
 def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None) -> list[Row]:
@@ -135,7 +117,7 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
             def score(points: Sequence[Point], case: Case = case) -> list[list[float] | None]:
                 scored = _rows(plan, engine, [(case, i, point) for i, point in enumerate(points)])
                 chunks = [[row for row in scored if row["point"] == i] for i in range(len(points))]
-                return [objective_means(chunk, plan.spec.objectives) for chunk in chunks]
+                return [page.objective_means(chunk, plan.spec.objectives) for chunk in chunks]
 
             points = tune(plan, case, score)
             rows += _rows(plan, engine, [(case, i, point) for i, point in enumerate(points)])
@@ -150,9 +132,9 @@ def _count(plan: SweepPlan) -> int:
 
 
 def _rows(plan: SweepPlan, engine: Engine, points: Sequence[tuple[Case, int, Point]]) -> list[Row]:
-    variants = [resolve({**case.base, **point}) for case, _, point in points]
-    results = iter(engine.run([variant.on(walk.path) for variant in variants for walk in plan.walks]))
-    return [run_row(plan, *point, walk, next(results)) for point in points for walk in plan.walks]
+    jobs = [resolve({**case.base, **point}) for case, _, point in points]
+    results = iter(engine.run([replace(job, recording=walk.path) for job in jobs for walk in plan.walks]))
+    return [page.run_row(plan, *point, walk, next(results)) for point in points for walk in plan.walks]
 
 
 class SweepSettings(WorkSettings):
@@ -187,17 +169,17 @@ def sweep(settings: SweepSettings, command: str = "") -> int:
     plan = load_plan(settings.sweep, settings.recordings, settings.walker.fitted)
     out = settings.out or Path("out/sweep") / plan.spec.name
     rows = run_sweep(plan, out, settings.jobs, settings.dask)
-    table = point_table(plan, rows)
+    table = page.point_table(plan, rows)
     write_csv(out / "results.csv", rows)
     write_csv(out / "table.csv", table)
     summary = _summary(plan, rows, table)
-    plots = list(plots_of(plan, rows, table)) if table else []
+    plots = list(page.plots_of(plan, rows, table)) if table else []
     pictures = {out / f"{name}.png": plot for name, plot in plots if name and settings.figures}
     for path, plot in pictures.items():
-        draw([plot], path, f"{recorded_or_synthetic(plan)}; means over clips, 95 % intervals over people")
+        draw([plot], path, f"{page.recorded_or_synthetic(plan)}; means over clips, 95 % intervals over people")
     command = command or f"experiments.sweep.sweep.sweep({settings!r})"
-    page = sweep_page(plan, summary, rows, table, [plot for _, plot in plots], pictures, command)
-    print(write_results(page, out, summary))
+    report = page.sweep_page(plan, summary, rows, table, [plot for _, plot in plots], pictures, command)
+    print(write_results(report, out, summary))
     written = ("report.html", "results.csv", "table.csv", "summary.json", "summary.md")
     print(f"Written to {out}/: {', '.join([*written, *(path.name for path in pictures)])}")
     return exit_status(any(row["limit_violations"] for row in rows), bool(summary["failed"]))
@@ -208,9 +190,11 @@ def _summary(plan: SweepPlan, rows: list[Row], table: list[Row]) -> dict[str, An
     objectives = plan.spec.objectives
     labels = ("case", "point", "controller", *plan.spec.varied())
     cases = plan.spec.all_cases()
-    fronts = {case.name: pareto_front((r for r in overall if r["case"] == case.name), objectives) for case in cases}
+    fronts = {
+        case.name: page.pareto_front((r for r in overall if r["case"] == case.name), objectives) for case in cases
+    }
     if len(cases) > 1:
-        fronts["all cases"] = pareto_front(overall, objectives)
+        fronts["all cases"] = page.pareto_front(overall, objectives)
     shown = [*labels, *(o.metric for o in objectives)]
     return {
         "spec": plan.spec.model_dump(mode="json"),

@@ -2,18 +2,8 @@
 
 import csv
 
+from experiments.aggregate import TIMING
 from experiments.compare import CompareSettings, runs_of
-
-# The only figures that differ from run to run.
-TIMING = {
-    "update_ms_p50",
-    "update_ms_p99",
-    "update_ms_max",
-    "step_ms_p50",
-    "step_ms_p99",
-    "step_ms_max",
-    "missed_deadlines",
-}
 
 
 def settings(out, **changes):

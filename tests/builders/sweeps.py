@@ -5,8 +5,8 @@ import csv
 import pytest
 import yaml
 
+from experiments.aggregate import TIMING
 from experiments.sweep.plan import load_plan
-from experiments.sweep.spec import TIMING
 from gazempc.errors import SettingsError
 
 SMALL = {

@@ -7,7 +7,7 @@ from builders.comparisons import rows_of, runs, settings
 from builders.own_parts import own_module
 
 from experiments.compare import compare, main
-from experiments.engine.choices import name_parts
+from experiments.engine.command import name_parts
 from experiments.engine.job import parts_hash
 
 pytestmark = pytest.mark.usefixtures("in_this_process")

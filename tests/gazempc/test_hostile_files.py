@@ -14,7 +14,7 @@ import pytest
 from backports import zstd
 from builders import bags
 
-from experiments.engine.choices import find_recordings
+from experiments.engine.command import find_recordings
 from experiments.engine.engine import read_result
 from experiments.sweep.plan import load_plan
 from gazempc.errors import GazempcError, SettingsError

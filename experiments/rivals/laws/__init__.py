@@ -2,11 +2,9 @@
 
 from experiments.rivals.laws.autoptz import AutoPtz
 from experiments.rivals.laws.frigate import Frigate
-from experiments.rivals.laws.humanoids import Humotion, IKinGazeCtrl
-from experiments.rivals.laws.op3 import Op3
 from experiments.rivals.laws.pixel_pid import ObsFaceTracker, PixelPid
-from experiments.rivals.laws.pr2_point_head import Pr2PointHead
 from experiments.rivals.laws.reachy_mini import ConversationApp, ReachyMini, ReachyMiniCaptureRaw
+from experiments.rivals.laws.robots import Humotion, IKinGazeCtrl, Op3, Pr2PointHead
 from experiments.rivals.laws.smith import Smith, SmithFeedForward
 from experiments.rivals.rival import Rival
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import exports
 
-from experiments.engine.choices import find_recordings
+from experiments.engine.command import find_recordings
 from experiments.engine.job import recording_hash
 from gazempc.errors import GazempcError
 

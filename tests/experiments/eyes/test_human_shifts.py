@@ -28,13 +28,13 @@ def test_a_shift_is_scaled_to_the_motors_and_stands_beside_that_of_people():
     """4.39 times the head's amplitude and 106 deg/s more, by the share that the motors bear."""
     shift, scale = make_shift(HUMAN, "mpc", "sideways", 40), motor_scale(EYES.pan)
     assert shift.head_peak_deg_s == pytest.approx(scale * (4.39 * 0.69 * 40 + 106.0), rel=0.1)
-    (row,) = (line for line in table([shift], scale).splitlines() if line.startswith("sideways 40"))
+    (row,) = (line for line in table([shift], scale).splitlines() if line.startswith("| sideways 40"))
     assert " 69 (69) " in row
     assert "(50) *" in row
-    by_label = {each.label: each for each in compared(shift, scale)}
+    by_label = compared(shift, scale)
     head_rad = math.radians(shift.head_deg[-1])
-    assert by_label["head's peak"].people == pytest.approx(math.degrees(scale * head_velocity_rad_s(head_rad)))
-    assert by_label["eyes ahead"].people == pytest.approx(50.0)
+    assert by_label["head's peak [deg/s]"].people == pytest.approx(math.degrees(scale * head_velocity_rad_s(head_rad)))
+    assert by_label["eyes ahead [ms]"].people == pytest.approx(50.0)
 
 
 @pytest.mark.slow

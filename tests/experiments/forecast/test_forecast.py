@@ -9,7 +9,7 @@ from builders.own_parts import own_module
 
 from experiments.forecast.command import forecast, main
 from experiments.forecast.errors import ForecastErrors, forecast_errors, placed_for, smooth_truth
-from experiments.forecast.summary import ClipResult, summarise
+from experiments.forecast.page import summarise
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording, Track
@@ -133,11 +133,11 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
     """With the settings of `constant_velocity` it errs as that does; with others it does not."""
     own = own_module(tmp_path, monkeypatch)
     words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity", f"{own}:Steady"], "jobs": 1}
-    plain, steady = forecast(**words, out=tmp_path / "out").results
-    assert (plain.predictor, steady.predictor) == ("constant_velocity", "steady")
-    np.testing.assert_array_equal(plain.errors.difference_m, steady.errors.difference_m)
-    _, other = forecast(**words, options={"psd": 0.5}, out=tmp_path / "out").results
-    assert not np.array_equal(plain.errors.difference_m, other.errors.difference_m)
+    plain, steady = forecast(**words, out=tmp_path / "out")
+    assert (plain["predictor"], steady["predictor"]) == ("constant_velocity", "steady")
+    np.testing.assert_array_equal(plain["difference_m"], steady["difference_m"])
+    _, other = forecast(**words, options={"psd": 0.5}, out=tmp_path / "out")
+    assert not np.array_equal(plain["difference_m"], other["difference_m"])
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
 
 
@@ -226,8 +226,8 @@ def test_smoothed_truth_scores_what_the_track_hides(tmp_path):
     words = {"recordings": [str(path)], "predictors": ["last_position"], "jobs": 1}
 
     def across_mm(**more):
-        (found,) = forecast(**words, horizons=[0.02], out=tmp_path / "out", **more).results
-        return found.sensor, 1e3 * found.errors.difference_m[5:-20, 0, 1]
+        (found,) = forecast(**words, horizons=[0.02], out=tmp_path / "out", **more)
+        return found["sensor"], 1e3 * found["difference_m"][5:-20, 0, 1]
 
     sensor, off_mm = across_mm(truth_smoothing=0.16)
     assert sensor == "recorded"
@@ -265,7 +265,8 @@ def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
         np.array([freedom]),
         np.array([1.0]),
     )
-    return ClipResult(recording, "s", predictor, "both", "synthetic", recording, "turn", None, False, errors)
+    labels = {"recording": recording, "sensor": "s", "predictor": predictor, "cues": "both", "subject": recording}
+    return labels | {"group": "turn", "kind": None, "seen": False} | vars(errors)
 
 
 def test_coverage_in_the_table_is_that_of_the_stated_tails():

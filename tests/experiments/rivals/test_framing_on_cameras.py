@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.rivals.framing import DEVICES, FIGURES, OURS, main, summarise
-from experiments.rivals.motor import driven_by
+from experiments.rivals.simulate import driven_by
 
 
 def run_of(law, zone, reversals, constants="{}", device="cheap"):

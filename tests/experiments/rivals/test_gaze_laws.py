@@ -5,9 +5,7 @@ import pytest
 from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
 
 from experiments.rivals.laws import RIVALS
-from experiments.rivals.laws.humanoids import Humotion, IKinGazeCtrl, limits_for
-from experiments.rivals.laws.op3 import Op3
-from experiments.rivals.laws.pr2_point_head import Pr2PointHead
+from experiments.rivals.laws.robots import Humotion, IKinGazeCtrl, Op3, Pr2PointHead, limits_for
 from experiments.rivals.laws.smith import Smith, SmithFeedForward
 
 DIRECT = camera(latency_s=0.0, rate_hz=100.0)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from experiments.rivals.response import overshoot_deg, recontact_s, response, reversals, settling_s
+from experiments.rivals.trials import overshoot_deg, recontact_s, response, reversals, settling_s
 from gazempc.neck.spec import load_neck
 
 TIMES_S = np.arange(0.0, 15.0, 0.005)

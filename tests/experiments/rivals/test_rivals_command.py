@@ -53,7 +53,7 @@ def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> Non
     assert "## walks, neck reachy_mini, sensor face_camera" in text
     assert "## still, neck reachy_mini, sensor face_camera" in text  # of one trial alone
     for row in walks.values():
-        assert f"| {row['rival']} | {100 * row['eye_contact_2p6']:.1f} (" in text
+        assert f"| {row['rival']} | {100 * row['eye_contact_2p6']:.1f} [" in text
 
 
 def test_unknown_names_are_told(capsys) -> None:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from builders.sweeps import SMALL, refusal, words
 
+from experiments.aggregate import METRICS
 from experiments.sweep.names import check_name, check_value, resolve, setting_fields, with_unit
 from experiments.sweep.page import pareto_front
 from experiments.sweep.plan import design_points, load_plan, shipped_studies
-from experiments.sweep.spec import METRICS, Objective, SweepSpec
+from experiments.sweep.spec import Objective, SweepSpec
 from experiments.sweep.sweep import main
 from gazempc.neck.spec import load_neck
 
@@ -25,7 +26,7 @@ def test_all_errors_of_a_file_at_once(tmp_path):
         },
     )
     for expected in (
-        "recordigs: unknown key; perhaps you meant 'recordings'",
+        "recordigs: unknown field; perhaps you meant 'recordings'",
         "subject99_R1",
         "none.csv",
         "base: mpc.horizn_s: unknown setting; perhaps you meant 'mpc.horizon_s'",

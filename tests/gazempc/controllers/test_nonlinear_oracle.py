@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builders.replays import replayed
 
-from experiments.engine.choices import find_recordings
+from experiments.engine.command import find_recordings
 from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError, PlacementError

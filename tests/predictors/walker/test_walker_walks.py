@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
-from experiments.engine.choices import find_recordings
+from experiments.engine.command import find_recordings
 from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe

@@ -1,4 +1,4 @@
-"""Necks of humanoids with eyes: humotion (Flobi, Floka) and iKinGazeCtrl (iCub).
+"""Robots that turn by a profile of their own: humotion (Flobi, Floka), iKinGazeCtrl (iCub), OP3, and PR2's point_head.
 
 humotion: the target in the base frame is made with the encoders at the *capture* of the frame. On a robot with eyes the
 neck moves for large gaze shifts only; here, without eyes, its target is always that of the gaze.
@@ -6,16 +6,25 @@ neck moves for large gaze shifts only; here, without eyes, its target is always 
 iKinGazeCtrl: a filter with a triple closed-loop pole, close to minimum jerk. The face's point in space is made with the
 encoders at the *arrival* of the frame. The filter's input is the difference of target and neck; its output, a velocity,
 is integrated and sent as a position. The robot's neck moves for errors above 2.5 deg only; here it always moves.
+
+ROBOTIS OP3: the error in the image at the arrival of the frame is added to the last goal, before the head has reached
+it. At a high rate of detections the same error is integrated several times.
+
+point_head: the goal is a point in space, by the head's pose at the *capture* of the frame (of a goal with that stamp).
+Each goal starts a two-point trajectory from the present state, so the head follows a walking person in starts without
+ends.
 """
 
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 from ruckig import InputParameter, OutputParameter, Ruckig, Synchronization
+from scipy.interpolate import BPoly
 
-from experiments.rivals.rival import HeadCamera, Rival, View, bearing_rad, point_base_m
+from experiments.rivals.rival import FrameRate, HeadCamera, Rival, View, bearing_rad, left_and_up_rad, point_base_m
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -117,3 +126,111 @@ class IKinGazeCtrl(Rival):
         self._position_rad = self._position_rad + 0.5 * self.period_s * (velocity_rad_s + self._velocity_rad_s)
         self._velocity_rad_s = velocity_rad_s
         return self._position_rad
+
+
+class PointToPoint(Rival):
+    """Laws whose head moves from goal to goal by polynomials; arguments as of `Rival`."""
+
+    # Of position, velocity and so on, at both ends of a motion.
+    derivatives: ClassVar[int]
+
+    def start(self, view: View) -> None:
+        """See `Rival.start`."""
+        self._goal_rad = view.joints.position_rad
+        self._motion: BPoly | None = None
+
+    def _go(self, now_s: float, start_s: float, duration_s: float, goal_rad: FloatArray) -> None:
+        """Move to rest at a goal; the present state is held until the start."""
+        states = [self._at(now_s), [goal_rad, *self._rest]]
+        self._motion = BPoly.from_derivatives([start_s, start_s + duration_s], states)
+        self._goal_rad = goal_rad
+
+    def _at(self, now_s: float) -> list[FloatArray]:
+        """Position and derivatives of the motion at a time."""
+        if self._motion is None or now_s >= self._motion.x[-1]:
+            return [self._goal_rad, *self._rest]
+        return [self._motion(max(now_s, self._motion.x[0]), k) for k in range(self.derivatives)]
+
+    @property
+    def _rest(self) -> list[FloatArray]:
+        return [np.zeros(2)] * (self.derivatives - 1)
+
+
+# OP3: gains, mean speed of a motion, and the error that is none.
+_GAIN, _DERIVATIVE_GAIN = 0.6, 0.25
+_OP3_SPEED_RAD_S, _SMALL_RAD = math.radians(52.5), math.radians(1.0)
+_SHORTEST_S = 0.1
+
+
+class Op3(PointToPoint):
+    """Adds to the goal, and goes there with minimum jerk.
+
+    Args:
+        neck: Model of the neck: its range bounds the goal.
+        camera: Model of the camera.
+        detection_period_s: Period of the detector, seconds.
+    """
+
+    name = "op3"
+    derivatives = 3  # the polynomial of fifth order between two of these states has minimum jerk
+    free = tuple({"detection_period_s": period_s} for period_s in (1.0 / 30.0, 0.1, 0.2, 0.4))
+    period_s = 0.008
+
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, detection_period_s: float = 1.0 / 30.0) -> None:
+        super().__init__(neck, camera)
+        self._detector = FrameRate(detection_period_s)
+
+    def start(self, view: View) -> None:
+        """See `Rival.start`."""
+        super().start(view)
+        self._detector.reset()
+        self._error_rad: FloatArray | None = None
+
+    def step(self, view: View) -> FloatArray:
+        """See `Rival.step`."""
+        for detection in self._detector.take(view.detections):
+            error_rad = left_and_up_rad(self._camera, detection.offset)
+            change_rad = np.zeros(2) if self._error_rad is None else error_rad - self._error_rad
+            self._error_rad = error_rad
+            if (np.abs(error_rad) >= _SMALL_RAD).any():
+                by_rad = _GAIN * error_rad + _DERIVATIVE_GAIN * change_rad
+                duration_s = max(_SHORTEST_S, float(np.abs(by_rad).max()) / _OP3_SPEED_RAD_S)
+                self._go(view.time_s, view.time_s, duration_s, self._within_range(self._goal_rad + by_rad))
+        return self._at(view.time_s)[0]
+
+
+# PR2: delay from a goal to the start of its trajectory, and the shortest duration.
+_START_S = 0.01
+# Mean speed of a motion; free in the goal, this in the robot's tutorial.
+_PR2_SPEED_RAD_S = 1.0
+
+
+class Pr2PointHead(PointToPoint):
+    """Sends a two-point trajectory for each detection.
+
+    Args:
+        neck: Model of the neck: geometry and range.
+        camera: Model of the camera.
+        min_duration_s: Least duration of a motion; free in the goal, 0.5 in the robot's tutorial, seconds.
+    """
+
+    name = "pr2_point_head"
+    derivatives = 2  # a cubic
+    free = tuple({"min_duration_s": duration_s} for duration_s in (0.1, 0.2, 0.5, 1.0))
+    period_s = 0.01
+
+    def __init__(self, neck: NeckSpec, camera: HeadCamera, *, min_duration_s: float = 0.5) -> None:
+        super().__init__(neck, camera)
+        self._min_duration_s = min_duration_s
+
+    def step(self, view: View) -> FloatArray:
+        """See `Rival.step`."""
+        for detection in view.detections:
+            head_rad = view.joints_at(detection.capture_time_s)
+            if head_rad is not None:
+                point_m = point_base_m(self._neck.geometry, self._camera, detection, head_rad)
+                goal_rad = self._within_range(look_at_rad(self._neck.geometry, point_m))
+                way_rad = float(np.abs(goal_rad - self._at(view.time_s)[0]).max())
+                duration_s = max(_START_S, self._min_duration_s, way_rad / _PR2_SPEED_RAD_S)
+                self._go(view.time_s, view.time_s + _START_S, duration_s, goal_rad)
+        return self._at(view.time_s)[0]
