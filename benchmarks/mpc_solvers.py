@@ -20,9 +20,9 @@ from typing import Annotated
 
 import tyro
 
-from benchmarks.solvers.measure import AGREE_RAD, WARM_UP, accurate_commands, grow, measure, table
+from benchmarks.solvers import simulated_run
 from benchmarks.solvers.peers import CasadiQrqp, DaqpAlways, DoMpc, Gazempc, Osqp, PiqpPackage
-from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, simulate
+from benchmarks.solvers.simulated_run import AGREE_RAD, SMOOTHING_TIME_S, STEPS, WARM_UP
 from gazempc.neck.spec import load_neck
 from gazempc.results.run_summary import versions
 
@@ -42,17 +42,17 @@ def main(
         json_file: Where to save the figures.
     """
     neck = load_neck("reference")
-    run = simulate(neck, STEPS, ticks)
-    accurate_rad = accurate_commands(neck, STEPS, run)
-    peers = [measure(peer(neck, STEPS, SMOOTHING_TIME_S), run, accurate_rad) for peer in PEERS]
-    grown = [grow(neck, steps, ticks) for steps in growth]
+    run = simulated_run.simulate(neck, STEPS, ticks)
+    accurate_rad = simulated_run.accurate_commands(neck, STEPS, run)
+    peers = [simulated_run.measure(peer(neck, STEPS, SMOOTHING_TIME_S), run, accurate_rad) for peer in PEERS]
+    grown = [simulated_run.grow(neck, steps, ticks) for steps in growth]
     binding = int(run.binding.sum())
-    print(table(peers))
+    print(simulated_run.table(peers))
     print(
         f"ticks_over: more than {AGREE_RAD:g} rad from the accurate command; the first {WARM_UP} calls are not timed."
     )
     print(f"A limit binds in {binding} of {ticks} ticks; limits left in {run.softened}. Answered by: {run.solvers}.")
-    print(table(grown))
+    print(simulated_run.table(grown))
     if json_file is not None:
         found = {"peers": peers, "growth": grown, "ticks": ticks, "ticks_with_limits": binding, "versions": versions()}
         found |= {"ticks_softened": run.softened, "solvers": run.solvers}

@@ -26,13 +26,6 @@ from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadPose, Predictor, Walker
 
 
-def cpu_ms(call: Callable[[], object]) -> float:
-    """CPU time of one call, milliseconds."""
-    started_s = time.process_time()
-    call()
-    return 1e3 * (time.process_time() - started_s)
-
-
 def main(repeats: int = 3) -> None:
     """Time all stages and print a table.
 
@@ -47,7 +40,9 @@ def main(repeats: int = 3) -> None:
     found: dict[str, list[float]] = {}
 
     def timed(name: str, call: Callable[[], object]) -> float:
-        found.setdefault(name, []).append(cpu_ms(call))
+        started_s = time.process_time()
+        call()
+        found.setdefault(name, []).append(1e3 * (time.process_time() - started_s))
         return found[name][-1]
 
     for _ in range(repeats):

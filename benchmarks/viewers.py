@@ -107,7 +107,7 @@ def run_once(kind: str, seconds: float, out: Path) -> list[float]:
     return [late.percentile_ms(50), late.percentile_ms(99), *taken, sum(telling) / len(run.took_ms)]
 
 
-def main(rounds: Annotated[int, tyro.conf.arg(help="How often each")] = 5, seconds: float = 10.0) -> int:
+def main(rounds: Annotated[int, tyro.conf.arg(help="How often each")] = 5, seconds: float = 10.0) -> None:
     """Run all kinds in turns and print what came of it.
 
     Args:
@@ -127,8 +127,7 @@ def main(rounds: Annotated[int, tyro.conf.arg(help="How often each")] = 5, secon
     for kind in KINDS:
         late50, late99, took50, took99, telling = np.median(found[kind], axis=0)
         print(f"{kind:<10}{late50:>10.3f}{late99:>8.3f}{took50:>10.3f}{took99:>8.3f}{telling:>10.4f}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(tyro.cli(main))
+    tyro.cli(main)

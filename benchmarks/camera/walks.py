@@ -99,16 +99,8 @@ def watch(
             front = Rotation.from_quat(observation.head_quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
             wrong_rad = math.atan2(front[1], front[0]) - person.yaw_rad
             yaws.append(math.degrees(math.remainder(wrong_rad, math.tau)))
-    return Seen(
-        frames,
-        np.array(bearings),
-        np.array(ranges),
-        np.array(yaws),
-        np.array(nees),
-        others,
-        len(names),
-        np.array(cpu_ms),
-    )
+    seen = np.array(bearings), np.array(ranges), np.array(yaws), np.array(nees)
+    return Seen(frames, *seen, others, len(names), np.array(cpu_ms))
 
 
 def _off_deg(observation: HeadObservation, person: StudioPerson | None) -> float:

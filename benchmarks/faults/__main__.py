@@ -19,13 +19,12 @@ from typing import Annotated
 
 import tyro
 
-from benchmarks.faults.live import LIVE_FAULTS, run_live
 from benchmarks.faults.machine import busy as busy_processes
 from benchmarks.faults.machine import control
-from benchmarks.faults.parts import isolation_ms, run_part
-from benchmarks.faults.runs import Count
+from benchmarks.faults.runs import LIVE_FAULTS, Count, isolation_ms, run_live, run_part
 from benchmarks.faults.simulated import SIMULATED_FAULTS, WALKS, run_simulated
 from benchmarks.faults.wrongs import cases
+from gazempc.results.page.content import PageTable
 
 # Four servo periods.
 _GAP_MS = 20.0
@@ -43,16 +42,16 @@ def table(rows: Sequence[Count]) -> list[str]:
     Returns:
         Lines.
     """
-    heads = ["part", "kinds", *_BAD, "longest gap", f"over {_GAP_MS:g} ms", "the machine's"]
-    lines = [heads, ["---"] * len(heads)]
+    heads = ("part", "kinds", *_BAD, "longest gap", f"over {_GAP_MS:g} ms", "the machine's")
+    lines = []
     for family in dict.fromkeys(row.family for row in rows):
         group = [row for row in rows if row.family == family]
         over = [row for row in group if row.gap_max_ms > _GAP_MS]
         machines = sum(row.gap_max_ms - row.machine_gap_ms < _GAP_MS / 2 for row in over)
         longest = f"{max(row.gap_max_ms for row in group):.0f} ms"
         sums = (sum(getattr(row, name) for row in group) for name in _BAD)
-        lines.append([str(each) for each in (family, len(group), *sums, longest, len(over), machines)])
-    return [f"| {' | '.join(line)} |" for line in lines]
+        lines.append(tuple(map(str, (family, len(group), *sums, longest, len(over), machines))))
+    return PageTable("", heads, tuple(lines)).markdown()
 
 
 def _printed(row: Count) -> Count:

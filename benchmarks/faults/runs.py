@@ -1,27 +1,42 @@
-"""One run on the real clock with parts that are watched: what is sent and when, and what is logged."""
+"""Runs on the real clock with parts that are watched: under attacks on the tracker, and with parts that misbehave.
+
+Each command is counted and timed, and what is logged is read again.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import math
+import socket
+import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+import timeit
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from benchmarks.faults.machine import GapMs
+from benchmarks.faults.tracker import TCP_FAULTS, head_m
+from benchmarks.faults.wrongs import FAMILIES, ISOLATED, hold_lock
+from gazempc.live.isolated import IsolatedPredictor
 from gazempc.live.process import fast_switching, without_collection
 from gazempc.live.run import LiveRun
-from gazempc.live.setup import LiveSetup
+from gazempc.live.settings import LiveSettings
+from gazempc.live.setup import LiveSetup, build
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import Log
 from gazempc.results.log_files import load_log
+from gazempc.results.metrics import measure
 from gazempc.types import FloatArray
+from predictors import ConstantVelocity, Forecast, HeadObservation
 
 
 class Wrong:
@@ -162,3 +177,119 @@ def watch(
         log_lost=sum(log.time_s.size for log in logs) != run.report.ticks,
         named=next((fault for fault in faults if "Wrong" in fault), ""),
     ), logs
+
+
+# What is wrong with the tracker, its clock or the network.
+LIVE_FAULTS = (
+    "none", "stranger", "strange_flood", "flood", *TCP_FAULTS, "clock_ahead", "clock_fast", "clock_behind",
+    "impossible_heads",
+)  # fmt: skip
+
+
+def run_live(fault: str, seconds: float, machine_gap_ms: GapMs) -> Count:
+    """One run.
+
+    Args:
+        fault: One of `LIVE_FAULTS`.
+        seconds: How long.
+        machine_gap_ms: See `benchmarks.faults.machine.control`.
+
+    Returns:
+        What came of it.
+    """
+    port, kind = _free_port(), "tcp" if fault in TCP_FAULTS else "udp"
+    # A busy computer takes up to a minute to begin a run; the tracker is ended with it.
+    with _tracker(fault, port, seconds + 60.0) as tracker:
+        setup = build(LiveSettings(source=f"{kind}:127.0.0.1:{port}", out=Path()))
+        unix_s = time.time() - setup.clock.now_s()
+
+        def begun(run: LiveRun) -> None:
+            print(file=tracker, flush=True)
+
+        true_head = lambda times_s: head_m(times_s + unix_s)  # noqa: E731
+        spoilt = replace(setup, robot=Wrong(setup.robot), true_head_base_m=true_head)
+        count, logs = watch(spoilt, ("live", fault), seconds, machine_gap_ms, begun)
+    return replace(count, gaze_error_rms_deg=round(measure(logs[-1]).gaze_error_rms_deg, 2))
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextlib.contextmanager
+def _tracker(fault: str, port: int, seconds: float) -> Iterator[IO[str]]:
+    """Starts the tracker, and waits until it is ready; its standard input."""
+    words = [sys.executable, "-m", "benchmarks.faults.tracker", fault, str(port), str(seconds)]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        process.stdout.readline()  # type: ignore[union-attr]
+        try:
+            yield process.stdin  # type: ignore[misc]
+        finally:
+            process.kill()
+
+
+_FROM_S = 0.5
+
+
+class Holding(ConstantVelocity):
+    """A predictor that holds the lock for long now and then."""
+
+    forecasts = 0
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """See `predictors.predictor.Predictor.forecast`."""
+        self.forecasts += 1
+        if self.forecasts % 50 == 0:
+            hold_lock(None)
+        return super().forecast(times_s)
+
+
+def run_part(family: str, kind: str, machine_gap_ms: GapMs, seconds: float = 1.8) -> Count:
+    """One run.
+
+    Args:
+        family: One of `FAMILIES`.
+        kind: One of that family.
+        machine_gap_ms: See `benchmarks.faults.machine.control`.
+        seconds: How long.
+
+    Returns:
+        What came of it.
+    """
+    part, _, method = family.partition(",")[0].partition(".")
+    # Parts that are quick to make, a hundred times.
+    settings = LiveSettings(source="replay", replay="subject03_R4", out=Path())
+    setup = build(settings.model_copy(update={"controller": "lookahead", "predictor": "constant_velocity"}))
+    if family == ISOLATED:
+        setup = replace(setup, predictor=IsolatedPredictor(Holding))
+    wrong_from_s, change = [math.inf], FAMILIES[family][kind]
+
+    def begin(run: LiveRun) -> None:
+        wrong_from_s[0] = setup.clock.now_s() + _FROM_S
+
+    def later(answer: object) -> object:
+        return change(answer) if setup.clock.now_s() > wrong_from_s[0] else answer
+
+    names = ("robot", "source", "controller", "predictor")
+    parts = {name: Wrong(getattr(setup, name), method * (part == name.capitalize()), later) for name in names}
+    spoilt = replace(setup, **parts)  # type: ignore[arg-type]
+    return watch(spoilt, (family, kind), seconds, machine_gap_ms, begin)[0]
+
+
+def isolation_ms(calls: int = 2000) -> tuple[float, float]:
+    """What a process of its own costs: time of a forecast there less the time of one here, milliseconds.
+
+    Args:
+        calls: How many.
+
+    Returns:
+        Median, and 99th percentile of the time there less the median here.
+    """
+    times_s, took_ms = 0.1 + 0.02 * np.arange(25), []
+    for predictor in (ConstantVelocity(), IsolatedPredictor(ConstantVelocity)):
+        predictor.update(HeadObservation(0.0, np.array([2.0, 0.0, 0.4])))
+        took_ms.append(1e3 * np.array(timeit.repeat(partial(predictor.forecast, times_s), number=1, repeat=calls)))
+    here, there = took_ms
+    return tuple(round(float(np.percentile(there, p) - np.median(here)), 2) for p in (50, 99))  # type: ignore[return-value]

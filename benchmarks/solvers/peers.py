@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
-from benchmarks.solvers.problem import AxisProblem, SparseQp, linear_cost
+from benchmarks.solvers.problem import AxisProblem, linear_cost, sparse_program
 from gazempc.controllers.controller import SolverFailed
 from gazempc.controllers.mpc.condense import COST_SCALE, AxisModel
 from gazempc.controllers.mpc.ocp import AxisOcp
@@ -168,8 +168,7 @@ class PiqpPackage(CondensedPeer):
             solver.update(c=g, h_l=lower, h_u=upper)
             if solver.solve() != piqp.PIQP_SOLVED:
                 raise PeerFailedError("not solved")
-            found: FloatArray = solver.result.x
-            return found
+            return np.asarray(solver.result.x)
 
         return solve
 
@@ -198,8 +197,7 @@ class Osqp(CondensedPeer):
             result = solver.solve(raise_error=False)
             if result.info.status_val != solved:
                 raise PeerFailedError(result.info.status)
-            found: FloatArray = result.x
-            return found
+            return np.asarray(result.x)
 
         return solve
 
@@ -209,19 +207,18 @@ class CasadiQrqp(AxisPeer):
 
     name = "casadi_qrqp"
     plugin: ClassVar[str] = "qrqp"
-    options: ClassVar[dict[str, Any]] = {
-        "print_iter": False,
-        "print_header": False,
-        "print_info": False,
-        "error_on_fail": False,
-    }
+    options: ClassVar[dict[str, Any]] = dict.fromkeys(
+        ("print_iter", "print_header", "print_info", "error_on_fail"), False
+    )
 
     def _axis(self, problem: AxisProblem) -> AxisSolver:
-        qp, n, (M, _) = SparseQp.of(problem), problem.steps, problem.model
-        h, a = ca.DM(qp.hessian), ca.DM(qp.rows)
+        (hessian, rows, fastest), n, (M, _) = sparse_program(problem), problem.steps, problem.model
+        h, a = ca.DM(hessian), ca.DM(rows)
         solver = ca.conic(self.name, self.plugin, {"h": h.sparsity(), "a": a.sparsity()}, self.options)
-        cost, below, above = np.zeros(6 * n), qp.rows_lower.copy(), qp.rows_upper.copy()
-        lower, upper = ca.DM(qp.lower), ca.DM(qp.upper)
+        cost, below, above = np.zeros(6 * n), -fastest, fastest.copy()
+        lower, upper = (
+            ca.DM(np.concatenate([np.tile(problem.bounds(side), n), side * np.ones(n)])) for side in (-1.0, 1.0)
+        )
         start: dict[str, Any] = {}
 
         def solve(state: FloatArray, reference: FloatArray) -> FloatArray:
@@ -287,8 +284,8 @@ class DoMpc(Peer):
         mpc.set_objective(lterm=COST_SCALE * (cost + jerk_cost), mterm=COST_SCALE * cost)
         mpc.set_rterm(s0=0.0, s1=0.0)
         for i, problem in enumerate(self._problems):
-            for side, bounds, sign in (("lower", problem.lower, -1.0), ("upper", problem.upper, 1.0)):
-                mpc.bounds[side, "_x", f"z{i}"] = mpc.terminal_bounds[side, f"z{i}"] = bounds
+            for side, sign in (("lower", -1.0), ("upper", 1.0)):
+                mpc.bounds[side, "_x", f"z{i}"] = mpc.terminal_bounds[side, f"z{i}"] = problem.bounds(sign)
                 mpc.bounds[side, "_u", f"s{i}"] = sign
                 # Of the state at the step's end: do-mpc would put it to the state now, and not to the last one.
                 (A, b), row = problem.model, sign * problem.velocity_row

@@ -116,61 +116,31 @@ class AxisProblem:
         """The velocity limit."""
         return 1.0 / float(self._rows[0][1, 1])
 
-    @property
-    def upper(self) -> FloatArray:
-        """Upper bounds of z: those of position and acceleration, shape (5,)."""
-        return self._bounds(1.0)
-
-    @property
-    def lower(self) -> FloatArray:
-        """Lower bounds of z, shape (5,)."""
-        return self._bounds(-1.0)
-
-    def _bounds(self, side: float) -> FloatArray:
+    def bounds(self, side: float) -> FloatArray:
+        """Bounds of z, upper (1) or lower (-1): those of position and acceleration, shape (5,)."""
         slopes, constants = self._rows
         position, acceleration = ((side - constants[i]) / slopes[i, i] for i in (0, 2))
         return np.array([side * np.inf, side * np.inf, position, side * np.inf, acceleration])
 
 
-@dataclass(frozen=True)
-class SparseQp:
+def sparse_program(problem: AxisProblem) -> tuple[sparse.csc_matrix, sparse.csc_matrix, FloatArray]:
     """The problem without condensing, in w = [z_1 .. z_N, s_1 .. s_N]: 1/2 w'Hw + g'w with bounds on w and rows.
 
-    Attributes:
-        hessian: H, shape (6 N, 6 N).
-        rows: The model's 5 N equations, ``= [M z0; 0]``, then the N velocities; shape (6 N, 6 N).
-        rows_lower: Lower bounds of the rows, with zeros for M z0, shape (6 N,).
-        rows_upper: Upper bounds.
-        lower: Lower bounds of w, shape (6 N,).
-        upper: Upper bounds.
+    Args:
+        problem: The problem of one joint.
+
+    Returns:
+        H, shape (6 N, 6 N); the rows, shape (6 N, 6 N): the model's 5 N equations, ``= [M z0; 0]``, then the N
+        velocities; the upper bounds of the rows, with zeros for M z0, shape (6 N,), whose negatives are the lower ones.
     """
-
-    hessian: sparse.csc_matrix
-    rows: sparse.csc_matrix
-    rows_lower: FloatArray
-    rows_upper: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-
-    @staticmethod
-    def of(problem: AxisProblem) -> SparseQp:
-        """Build it for one joint."""
-        n, (M, m), C = problem.steps, problem.model, problem.outputs
-        stages = sparse.kron(sparse.eye(n), 2.0 * COST_SCALE * C.T @ C)
-        following = sparse.eye(5 * n) - sparse.kron(sparse.eye(n, k=-1), M)
-        model = sparse.hstack([following, -sparse.kron(sparse.eye(n), m[:, None])])
-        velocity = sparse.hstack([sparse.kron(sparse.eye(n), problem.velocity_row), sparse.csc_matrix((n, n))])
-        fastest = np.concatenate([np.zeros(5 * n), np.full(n, problem.velocity_max_rad_s)])
-        return SparseQp(
-            hessian=sparse.csc_matrix(
-                sparse.block_diag([stages, 2.0 * COST_SCALE * problem.jerk_weight * sparse.eye(n)])
-            ),
-            rows=sparse.csc_matrix(sparse.vstack([model, velocity])),
-            rows_lower=-fastest,
-            rows_upper=fastest,
-            lower=np.concatenate([np.tile(problem.lower, n), -np.ones(n)]),
-            upper=np.concatenate([np.tile(problem.upper, n), np.ones(n)]),
-        )
+    n, (M, m), C = problem.steps, problem.model, problem.outputs
+    stages = sparse.kron(sparse.eye(n), 2.0 * COST_SCALE * C.T @ C)
+    following = sparse.eye(5 * n) - sparse.kron(sparse.eye(n, k=-1), M)
+    model = sparse.hstack([following, -sparse.kron(sparse.eye(n), m[:, None])])
+    velocity = sparse.hstack([sparse.kron(sparse.eye(n), problem.velocity_row), sparse.csc_matrix((n, n))])
+    fastest = np.concatenate([np.zeros(5 * n), np.full(n, problem.velocity_max_rad_s)])
+    hessian = sparse.block_diag([stages, 2.0 * COST_SCALE * problem.jerk_weight * sparse.eye(n)])
+    return sparse.csc_matrix(hessian), sparse.csc_matrix(sparse.vstack([model, velocity])), fastest
 
 
 def linear_cost(cost: FloatArray, problem: AxisProblem, reference: FloatArray) -> FloatArray:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks import mpc_solvers
-from benchmarks.solvers.measure import measure, solve_all
 from benchmarks.solvers.peers import Gazempc
-from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, simulate
+from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, measure, simulate, solve_all
 from gazempc.neck.spec import load_neck
 
 NECK = load_neck("reference")
