@@ -30,11 +30,6 @@ class Clips:
         """Whether a run, with its ``group`` and ``kind``, is among them."""
         return self.group in {"all", row["group"]} and self.kind in {"all", row["kind"]}
 
-    @property
-    def labels(self) -> dict[str, str]:
-        """Group and kind, as they stand in a row."""
-        return {"group": self.group, "kind": self.kind}
-
 
 def groups_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     """Groups in reading order, ``all`` last."""
@@ -91,27 +86,24 @@ _SEED = 20210603
 _LEVEL = 1e-9
 
 
-def bootstrap_mean(values: Sequence[float], people: Sequence[str]) -> tuple[float, float, float]:
+def bootstrap_mean(values: Sequence[float | None], people: Sequence[str]) -> tuple[float, float, float]:
     """Mean over clips and its 95 % interval when people are drawn anew.
 
     Clips of one person are alike, so people, not clips, are the independent draws; every clip weighs the same.
 
     Args:
-        values: One value a clip, shape (N,); NaN are left out.
+        values: One value a clip, shape (N,); None and NaN are left out.
         people: Who walked in each clip, shape (N,).
 
     Returns:
         Mean, lower and upper end (NaN without values; the ends are NaN with one person, where there is no spread).
     """
-    known = [(value, person) for value, person in zip(values, people, strict=True) if math.isfinite(value)]
-    if not known:
+    each = np.asarray(values, dtype=np.float64)
+    known = np.isfinite(each)
+    if not known.any():
         return math.nan, math.nan, math.nan
-    names = sorted({person for _, person in known})
-    index = {name: i for i, name in enumerate(names)}
-    total, count = np.zeros(len(names)), np.zeros(len(names))
-    for value, person in known:
-        total[index[person]] += value
-        count[index[person]] += 1
+    names, whose = np.unique(np.asarray(people)[known], return_inverse=True)
+    total, count = np.bincount(whose, weights=each[known]), np.bincount(whose)
     mean = float(total.sum() / count.sum())
     if len(names) == 1:
         return mean, math.nan, math.nan
@@ -164,7 +156,7 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         people = [str(r["subject"]) for r in chosen]
         entry = labels | {"n_clips": len({r["source"] for r in chosen}), "n_people": len(set(people))}
         for name in figures:
-            entry |= with_interval(name, [math.nan if r[name] is None else float(r[name]) for r in chosen], people)
+            entry |= with_interval(name, [r[name] for r in chosen], people)
         table.append(entry)
     return table
 
@@ -177,10 +169,10 @@ def _combinations(
         for values in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
             found = [r for r in rows if tuple(r[name] for name in names) == values]
             if chosen := [r for r in found if r["sensor"] == sensor and clips.hold(r)]:
-                yield {"sensor": sensor, **clips.labels, **dict(zip(names, values, strict=True))}, chosen
+                yield {"sensor": sensor, **vars(clips), **dict(zip(names, values, strict=True))}, chosen
 
 
-def with_interval(name: str, values: Sequence[float], people: Sequence[str]) -> dict[str, Any]:
+def with_interval(name: str, values: Sequence[float | None], people: Sequence[str]) -> dict[str, Any]:
     """Mean under a name, and its interval under ``<name>_ci95``, as of `bootstrap_mean`; NaN is None."""
     mean, low, high = bootstrap_mean(values, people)
     ends = [low, high] if math.isfinite(low) else None

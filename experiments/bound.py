@@ -26,6 +26,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field
 
+import gazempc as gz
 from experiments.aggregate import GROUP_ORDER
 from experiments.engine.command import Command, WorkSettings, check_fitted, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
@@ -34,16 +35,13 @@ from experiments.pages import markdown, write_csv
 from gazempc.files.whole import write_whole
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.servo import zero_order_hold
-from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.parts import TRUE_FUTURE
 from gazempc.recordings.placement import Placement
-from gazempc.results.log import Log
-from gazempc.results.metrics import SCORED_FROM_S, measure
+from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.results.run_summary import label, versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
-from gazempc.sim.sensor import SensorSpec, load_sensor
 
 CONTROLLERS = ("lookahead", "mpc", TRUE_FUTURE)
 
@@ -62,8 +60,8 @@ class BoundJob:
 
     recording: str
     scene: SceneSettings
-    neck: NeckSpec
-    sensor: SensorSpec | None
+    neck: gz.NeckSpec
+    sensor: gz.SensorSpec | None
     walker: WalkerSettings
 
     def key(self) -> str:
@@ -78,15 +76,13 @@ class BoundJob:
         settings = ReplaySettings(walker=self.walker)
         for controller in CONTROLLERS:
             log, _ = replay_scene(scene, controller, settings.predictor, settings)
-            row[controller] = measure(log).gaze_error_rms_deg
+            row[controller] = gz.measure(log).gaze_error_rms_deg
             moving = np.flatnonzero(np.any(log.command_position_rad != log.command_position_rad[0], axis=1))
-            first_observation_s = (
-                min(first_observation_s, float(log.time_s[moving[0]])) if moving.size else first_observation_s
-            )
+            first_observation_s = min([first_observation_s, *log.time_s[moving[:1]].tolist()])
         return row | {"bound": least_error_deg(log, first_observation_s)}
 
 
-def least_error_deg(log: Log, first_observation_s: float) -> float:
+def least_error_deg(log: gz.Log, first_observation_s: float) -> float:
     """The least RMS gaze error of a neck with the log's limits, dead time, servo and start, scored as all runs are.
 
     See the module for what is left out.
@@ -164,8 +160,8 @@ def bound(**settings: Any) -> list[Row]:
 
 
 def _bound(settings: BoundSettings) -> list[Row]:
-    neck = load_neck(settings.neck)
-    sensor = None if settings.sensor is None else load_sensor(settings.sensor)
+    neck = gz.load_neck(settings.neck)
+    sensor = None if settings.sensor is None else gz.load_sensor(settings.sensor)
     check_fitted(settings.walker)
     scene = SceneSettings(**{name: getattr(settings, name) for name in SceneSettings.model_fields})
     recordings = find_recordings(settings.recordings)
@@ -209,13 +205,10 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
 
 
 def _table(summary: Sequence[Row]) -> str:
-    cells = (
-        (
-            *(row["group"], str(row["clips"]), *(f"{row[name]:.2f}" for name in COLUMNS)),
-            f"{100.0 * (1.0 - row['bound_to_lookahead']):.1f} %",
-        )
-        for row in summary
-    )
+    cells = []
+    for row in summary:
+        below = f"{100.0 * (1.0 - row['bound_to_lookahead']):.1f} %"
+        cells.append((row["group"], str(row["clips"]), *(f"{row[name]:.2f}" for name in COLUMNS), below))
     return markdown(("group", "clips", *map(label, CONTROLLERS), "least possible", "below look-ahead"), cells)
 
 

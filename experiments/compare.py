@@ -9,30 +9,28 @@ if __name__ == "__main__":  # before the other imports, which are slow
 
 import itertools
 import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
-from experiments.aggregate import COMPARED, DIFFERENCES, add_gap_closed, paired_differences, summarise
-from experiments.engine.command import (
-    ChoiceSettings,
-    Command,
-    call_of,
-    each_sensor,
-    exit_status,
-    find_recordings,
-    in_place,
-    name_parts,
-    options_of,
-)
+from experiments import aggregate
+from experiments.aggregate import COMPARED, DIFFERENCES, sensors_of
+from experiments.engine.command import ChoiceSettings, Command, each_sensor, exit_status, name_parts, options_of
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.replays import ReplayJob, all_faults
+from experiments.pages import count, seen_in_fitting, table_of, unusual, with_ends, write_csv, write_results
+from experiments.plots import Plot, draw, share_of_clips
 from gazempc.loop.build import walker_model
 from gazempc.neck.spec import load_neck
 from gazempc.parts import gaze_of
-from gazempc.results.run_summary import versions
+from gazempc.recordings.recording import truth_of
+from gazempc.results.figures.style import styles
+from gazempc.results.page.content import Page, PageTable, Unusual
+from gazempc.results.run_summary import label, versions
 from gazempc.settings import GAZES, GazeChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.scene import PlaceSettings
@@ -42,9 +40,7 @@ class CompareSettings(ChoiceSettings, PlaceSettings):
     """Settings of `python -m experiments.compare`."""
 
     controllers: tuple[GazeChoice, ...] = Field(
-        default=GAZES,
-        min_length=1,
-        description="What to compare; module:Class for your own",
+        default=GAZES, min_length=1, description="What to compare; module:Class for your own"
     )
     necks: tuple[str, ...] = Field(default=("reference",), min_length=1, description="Shipped necks or .toml files")
     out: Path = Field(default=Path("out/compare"), description="Where to write; an interrupted run goes on there")
@@ -66,7 +62,8 @@ def compare(**settings: Any) -> list[Row]:
     """
     checked = CompareSettings.of("compare", settings)
     rows = _replay_all(checked)
-    write(checked, rows, call_of("experiments.compare.compare", settings))
+    words = ", ".join(f"{name}={value!r}" for name, value in settings.items())
+    write(checked, rows, f"experiments.compare.compare({words})")
     return rows
 
 
@@ -82,10 +79,10 @@ def _replay_all(settings: CompareSettings) -> list[Row]:
     labels, jobs = zip(*runs_of(settings), strict=True)
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
-    rows = [label | result for label, result in zip(labels, results, strict=True)]
+    rows = [named | result for named, result in zip(labels, results, strict=True)]
     for part in ("controller", "predictor"):
         name_parts(rows, part)
-    add_gap_closed(rows)
+    aggregate.add_gap_closed(rows)
     return rows
 
 
@@ -101,14 +98,14 @@ def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
     Raises:
         GazempcError: If a recording, neck, sensor or part does not exist.
     """
-    recordings = find_recordings(settings.recordings)
+    recordings = settings.recordings_in_place()
     necks = {name: load_neck(name) for name in settings.necks}
     sensors = each_sensor(settings.sensors)
     predictors = settings.checked_predictors(*settings.controllers)
     place = {name: getattr(settings, name) for name in PlaceSettings.model_fields}
     runs: dict[tuple[str | None, ...], tuple[Row, ReplayJob]] = {}
-    for recording, (sensor, by_name), (neck_name, neck), predictor, controller in itertools.product(
-        recordings, sensors.items(), necks.items(), predictors, settings.controllers
+    for (recording, path), (sensor, by_name), (neck_name, neck), predictor, controller in itertools.product(
+        recordings.items(), sensors.items(), necks.items(), predictors, settings.controllers
     ):
         shown = gaze_of(controller)[1] or predictor
         options = options_of(controller, shown, settings.options)
@@ -119,7 +116,7 @@ def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
             **{"controller": controller, "predictor": shown, "neck": neck_name},
             **{"sensor": None if sensor is None else by_name[sensor].name, "seed": settings.seed, "notes": None},
         }
-        job = ReplayJob(in_place(recording), controller, chosen, neck, neck, by_name)
+        job = ReplayJob(path, controller, chosen, neck, neck, by_name)
         runs.setdefault((recording, sensor, neck_name, shown, controller), (labels, job))
     return list(runs.values())
 
@@ -136,18 +133,13 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str
         The text of ``summary.md``, and the names of the files.
     """
     done = [row for row in rows if not row["left_out"] and not row["failed"]]
-    # Slow to import.
-    from experiments.compare_page import compare_page, plots_of  # noqa: PLC0415
-    from experiments.pages import write_csv, write_results  # noqa: PLC0415
-    from experiments.plots import draw  # noqa: PLC0415
-
     write_csv(settings.out / "results.csv", rows)
     summary = _summary(settings, rows, done)
-    plots = dict(plots_of(done))
+    plots = dict(_plots(done))
     drawn = {settings.out / name: plot for name, plot in plots.items() if settings.figures}
     for path, plot in drawn.items():
         draw([plot], path, "")
-    text = write_results(compare_page(summary, done, plots.values(), drawn, command), settings.out, summary)
+    text = write_results(_page(summary, done, plots.values(), drawn, command), settings.out, summary)
     files = ["report.html", "results.csv", "summary.json", "summary.md"]
     return text, [*files, *(path.name for path in drawn)]
 
@@ -158,9 +150,9 @@ def _summary(settings: CompareSettings, rows: list[Row], done: list[Row]) -> dic
     failed = [{name: row[name] for name in named} for row in rows if row["failed"]]
     compared = list(COMPARED.items())[: None if settings.start_offset_deg else 1]
     return {
-        "rows": summarise(done),
+        "rows": aggregate.summarise(done),
         **{
-            f"{DIFFERENCES}{name}": paired_differences(done, metric, "mpc", "lookahead")
+            f"{DIFFERENCES}{name}": aggregate.paired_differences(done, metric, "mpc", "lookahead")
             for name, (metric, _, _) in compared
         },
         "n_left_out": len(left_out),
@@ -178,6 +170,141 @@ def _seen_in_fitting(settings: CompareSettings, done: list[Row]) -> list[str]:
     people = sorted({str(row["subject"]) for row in done if row["predictor"] == "walker"})
     fitted = settings.walker.fitted
     return [p for p in people if p in walker_model(fitted, p).about.get("people", ())]
+
+
+def _about(summary: Row, done: Sequence[Row]) -> list[str]:
+    """How the means were made, in sentences."""
+    placement = summary["settings"]["placement"] or "that fits each recording"
+    counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
+    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
+    return [
+        f"{count(len({r['source'] for r in done}), 'recording')} ({kinds or 'none'}) of "
+        f"{count(len({r['subject'] for r in done}), 'person', 'people')}; placement {placement}, seed "
+        f"{summary['settings']['seed']}. Means over clips; in brackets 95 % bootstrap intervals over people (none where"
+        " one person walks).",
+        f"{summary['n_left_out']} recordings left out, {len(summary['failed'])} runs failed. Limit violations in all "
+        f"runs: {sum(run['limit_violations'] or 0 for run in done)}.",
+        *(f"Of {kind} recordings the gaze error is against {truth_of(kind)}." for kind in counted if truth_of(kind)),
+    ]
+
+
+def _page(summary: Row, done: Sequence[Row], plots: Iterable[Plot], pictures: Iterable[Path], command: str) -> Page:
+    """The report of a comparison."""
+    rows, chosen = summary["rows"], summary["settings"]
+    return Page(
+        title="Comparison of gazes",
+        question="Which gaze keeps eye contact with people who walk, and by how much is it better?",
+        answer=tuple(_answers(rows)),
+        setup={
+            "recordings": ", ".join(chosen["recordings"]),
+            "gazes": ", ".join(map(label, chosen["controllers"])),
+            "forecasts": ", ".join(chosen["predictors"]),
+            "necks": ", ".join(chosen["necks"]),
+            "sensors": ", ".join(sensors_of(rows)),
+            "seed": str(summary["seed"]),
+            "how": " ".join(_about(summary, done)),
+        },
+        tables=tuple(_tables(summary)),
+        charts=tuple(plot.chart() for plot in plots),
+        pictures={path: path.stem.replace("_", " ") for path in pictures},
+        unusual=tuple(_unusual(summary, done)),
+        command=command,
+        settings=chosen,
+    )
+
+
+def _answers(rows: Sequence[Row]) -> Iterator[str]:
+    overall = [row for row in rows if (row["group"], row["kind"]) == ("all", "all")]
+    several = len({row["predictor"] for row in overall if row["predictor"] != "perfect"}) > 1
+    for sensor, neck in dict.fromkeys((row["sensor"], row["neck"]) for row in overall):
+        contacts = []
+        for row in overall:
+            if (row["sensor"], row["neck"]) == (sensor, neck) and row["eye_contact_2p6"] is not None:
+                forecast = f" ({row['predictor']})" if several and row["predictor"] != "perfect" else ""
+                contacts.append(f"{label(row['controller'])}{forecast} {100.0 * row['eye_contact_2p6']:.1f} %")
+        yield f"Time with eye contact (2.6 deg), neck {neck}, sensor {sensor}: {', '.join(contacts)}."
+
+
+def _tables(summary: Row) -> Iterator[PageTable]:
+    for sensor in sensors_of(summary["rows"]):
+        yield _gaze_table([row for row in summary["rows"] if row["sensor"] == sensor], f"Sensor {sensor}")
+        for name, (_, what, digits) in COMPARED.items():
+            if of_sensor := [d for d in summary.get(DIFFERENCES + name, ()) if d["sensor"] == sensor]:
+                yield _difference_table(of_sensor, digits, f"Sensor {sensor}: MPC minus look-ahead, {what}")
+
+
+def _plots(done: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
+    """Shares of clips by gaze error, a plot for each sensor and neck."""
+    several = len({run["predictor"] for run in done if run["predictor"] != "perfect"}) > 1
+    looks = styles(dict.fromkeys(run["controller"] for run in done))
+    places = dict.fromkeys((run["sensor"], run["neck"]) for run in done)
+    for sensor, neck in places:
+        clips: dict[tuple[str, str], dict[str, float]] = {}
+        for run in done:
+            if (run["sensor"], run["neck"]) != (sensor, neck) or run["gaze_error_rms_deg"] is None:
+                continue
+            name = label(run["controller"])
+            name += f", {run['predictor']}" if several and run["predictor"] != "perfect" else ""
+            clips.setdefault((name, looks[run["controller"]].colour), {})[run["recording"]] = run["gaze_error_rms_deg"]
+        title = f"Clips by gaze error: neck {neck}, sensor {sensor}"
+        plot = share_of_clips(title, "RMS gaze error of a clip (deg)", clips)
+        yield aggregate.file_name("gaze_error", *([sensor, Path(neck).stem] if len(places) > 1 else [])), plot
+
+
+def _unusual(summary: Row, done: Sequence[Row]) -> Iterator[Unusual]:
+    yield from seen_in_fitting(len(summary["people_seen_in_fitting"]))
+    yield from unusual(summary, sum(run["limit_violations"] or 0 for run in done))
+    noted = dict.fromkeys((run["recording"], run["notes"]) for run in done if run["notes"])
+    yield from (Unusual(f"note on {name}", note) for name, note in noted)
+
+
+def _gaze_table(rows: list[Row], title: str = "") -> PageTable:
+    """Means of each gaze."""
+    # Most recordings do not say of what kind they are.
+    has_kinds = any(r["kind"] != "all" for r in rows)
+    # Without body and eyes, the head's acceleration is that of all joints.
+    has_more = any(r["head_rms_acceleration_rad_s2"] != r["rms_acceleration_rad_s2"] for r in rows)
+
+    def mean(name: str, form: str, factor: float = 1.0) -> Callable[[Row], str]:
+        return lambda r: with_ends(r[name], r[f"{name}_ci95"], form, factor)
+
+    columns: dict[str, Callable[[Row], str]] = {
+        "group": lambda r: r["group"],
+        **({"kind": lambda r: r["kind"]} if has_kinds else {}),
+        "clips": lambda r: str(r["n_clips"]),
+        "people": lambda r: str(r["n_people"]),
+        "neck": lambda r: r["neck"],
+        "gaze": lambda r: label(r["controller"]),
+        "filter and forecast": lambda r: r["predictor"],
+        "gaze error RMS [deg]": mean("gaze_error_rms_deg", ".2f"),
+        "eye contact 2.6 deg [%]": mean("eye_contact_2p6", ".1f", 100.0),
+        "gap closed": mean("gap_closed", ".3f"),
+        "RMS acceleration [rad/s^2]": mean("rms_acceleration_rad_s2", ".2f"),
+        **({"of the head [rad/s^2]": mean("head_rms_acceleration_rad_s2", ".2f")} if has_more else {}),
+    }
+    # Of eyes; of people who start, and of people who stay on the spot.
+    for heading, name, form in (
+        ("eyes aside, 95 % below [deg]", "eye_eccentricity_p95_deg", ".1f"),
+        ("start to contact [s]", "time_from_start_to_contact_s", ".2f"),
+        ("false starts [1/min]", "false_starts_per_min", ".1f"),
+    ):
+        if any(r[name] is not None for r in rows):
+            columns[heading] = mean(name, form)
+    return table_of(title, rows, columns)
+
+
+def _difference_table(differences: list[Row], digits: int, title: str) -> PageTable:
+    """MPC minus look-ahead on the same clips; below 0 the MPC is better."""
+    columns: dict[str, Callable[[Row], str]] = {
+        "clips": lambda d: str(d["group"] if d["kind"] == "all" else d["kind"]),
+        "filter and forecast": lambda d: d["predictor"],
+        "neck": lambda d: d["neck"],
+        "difference": lambda d: with_ends(d["difference"], d["ci95"], f"+.{digits}f"),
+        "number of clips": lambda d: str(d["n_clips"]),
+        "less in": lambda d: str(d["n_less"]),
+        "more in": lambda d: str(d["n_more"]),
+    }
+    return table_of(title, differences, columns, "On the same clips; below 0 the MPC is better.")
 
 
 main = Command("compare", CompareSettings, __doc__, _run).main

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.stats import gmean
 
 from experiments.aggregate import GROUP_ORDER
@@ -25,6 +25,7 @@ from experiments.engine.command import Command
 from experiments.pages import markdown
 from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
+from gazempc.settings import Settings
 from gazempc.types import FloatArray
 
 SMOOTHNESS = "rms_acceleration_rad_s2"
@@ -128,10 +129,8 @@ def _compared(ours: FloatArray, rival: FloatArray, weights: FloatArray) -> tuple
 Row = dict[str, Any]
 
 
-class FrontsSettings(BaseModel):
+class FrontsSettings(Settings):
     """Settings of `python -m experiments.fronts`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     sweep: Annotated[Path, tyro.conf.Positional] = Field(description="What `experiments.sweep` wrote to (a folder)")
     case: str = Field(default="mpc", description="Case that is to be on or better than the rival's front")

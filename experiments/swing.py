@@ -9,26 +9,23 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Literal
+from collections.abc import Callable
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+import gazempc as gz
 from experiments.engine.command import Command
-from gazempc.controllers.controller import Situation
-from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.loop.drive import Drive
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
 from gazempc.margins.linear_loop import Mismatch
 from gazempc.margins.margins import Margins, margins
 from gazempc.neck.ahead import settled_joints
-from gazempc.neck.spec import AXES, NeckSpec, load_neck, neck_names
+from gazempc.neck.spec import AXES, neck_names
+from gazempc.settings import Settings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray
-from predictors import Forecast
-
-Kind = Literal["gain", "dead time"]
 
 _START_RAD = math.radians(0.05)
 # A person far off: a few millimetres to the side do not matter.
@@ -37,41 +34,23 @@ _PERIODS, _LEAST_S = 18.0, 6.0
 _BISECTIONS = 6
 
 
-class SwingSettings(BaseModel):
+class SwingSettings(Settings):
     """Settings of `python -m experiments.swing`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     necks: tuple[str, ...] = Field(default=neck_names(), description="Shipped necks or .toml files")
 
 
-class _Scaled(SimulatedNeck):
-    """A neck whose pan and tilt follow so many times what they are sent."""
-
-    gain = 1.0
-
-    def send_command(self, command: FloatArray) -> FloatArray:
-        scaled = command.copy()
-        scaled[: len(AXES)] *= self.gain
-        super().send_command(scaled)
-        return command
-
-
-def with_error(neck: NeckSpec, error: Mismatch) -> NeckSpec:
-    """The neck with pan and tilt that differ from their model; the gain is `simulate`'s."""
-    axes = {
-        name: getattr(neck, name).model_copy(
-            update={
-                "dead_time_s": max(getattr(neck, name).dead_time_s + error.dead_time_s, 0.0),
-                "natural_frequency_rad_s": getattr(neck, name).natural_frequency_rad_s * error.frequency,
-            }
-        )
-        for name in AXES
-    }
+def with_error(neck: gz.NeckSpec, error: Mismatch) -> gz.NeckSpec:
+    """The neck with pan and tilt that differ from their model; the gain is applied by `simulate`."""
+    axes = {}
+    for name, axis in ((name, getattr(neck, name)) for name in AXES):
+        late_s = max(axis.dead_time_s + error.dead_time_s, 0.0)
+        frequency = axis.natural_frequency_rad_s * error.frequency
+        axes[name] = axis.model_copy(update={"dead_time_s": late_s, "natural_frequency_rad_s": frequency})
     return neck.model_copy(update=axes)
 
 
-def simulate(neck: NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
+def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
     """The pan in closed loop, one value a servo period, radians.
 
     Args:
@@ -79,13 +58,12 @@ def simulate(neck: NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
         error: How the simulated one differs.
         duration_s: Simulated time, seconds.
     """
-    mpc, now_s, h = Mpc(neck), 0.0, neck.servo_period_s
+    mpc, now_s, h = gz.Mpc(neck), 0.0, neck.servo_period_s
     start_rad = np.zeros(neck.joints)
     start_rad[0] = _START_RAD
     observer, smoother = JointObserver(neck, start_rad, 0.0), Smoother(neck, start_rad)
     drive, settled = Drive(neck, start_rad), settled_joints(neck, 0)
-    robot = _Scaled(with_error(neck, error), start_rad, lambda: now_s)
-    robot.gain = error.gain
+    robot = SimulatedNeck(with_error(neck, error), start_rad, lambda: now_s)
     robot.connect()
     sent = np.tile(start_rad, (2 + math.ceil(float(neck.dead_time_s.max()) / h), 1))
     acts, none, plan = start_rad, np.zeros((0, neck.joints)), None
@@ -96,25 +74,18 @@ def simulate(neck: NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
         joints = observer.estimate
         if tick % neck.servo_ticks_per_plan == 0:
             times_s = mpc.forecast_times_s(now_s, now_s)
-            forecast = Forecast(times_s, np.tile(_PERSON_M, (times_s.size, 1)), np.zeros((times_s.size, 3, 3)), now_s)
-            seen, offset_rad = drive.seen_by_controllers(sent, joints.offset_rad)
-            plan = mpc.plan(
-                Situation(
-                    settled,
-                    now_s,
-                    forecast,
-                    smoother.command,
-                    joints.position_rad,
-                    joints.velocity_rad_s,
-                    offset_rad,
-                    seen,
-                    none,
-                )
+            forecast = gz.Forecast(
+                times_s, np.tile(_PERSON_M, (times_s.size, 1)), np.zeros((times_s.size, 3, 3)), now_s
             )
+            seen, offset_rad = drive.seen_by_controllers(sent, joints.offset_rad)
+            state = joints.position_rad, joints.velocity_rad_s, offset_rad, seen, none
+            plan = mpc.plan(gz.Situation(settled, now_s, forecast, smoother.command, *state))
         wanted = smoother.step(now_s, plan)
         if neck.takes_speeds:
             wanted = drive.outgoing(smoother.motions, joints.offset_rad)
-        acts = robot.send_command(wanted)
+        acts, scaled = wanted, wanted.copy()
+        scaled[: len(AXES)] *= error.gain
+        robot.send_command(scaled)
         observer.sent(acts)
         sent = np.roll(sent, -1, axis=0)
         sent[-1] = drive.sent(acts)
@@ -122,7 +93,7 @@ def simulate(neck: NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
     return np.array(found)
 
 
-def swings(neck: NeckSpec, error: Mismatch, period_s: float) -> bool:
+def swings(neck: gz.NeckSpec, error: Mismatch, period_s: float) -> bool:
     """Whether an oscillation of about this period, seconds, grows."""
     duration_s = max(_PERIODS * period_s, _LEAST_S)
     pan_rad = simulate(neck, error, duration_s)
@@ -131,12 +102,8 @@ def swings(neck: NeckSpec, error: Mismatch, period_s: float) -> bool:
     return bool(np.ptp(last) > min(np.ptp(middle), 4.0 * _START_RAD))
 
 
-def critical(neck: NeckSpec, kind: Kind, theory: float, period_s: float) -> float:
+def critical(neck: gz.NeckSpec, error: Callable[[float], Mismatch], theory: float, period_s: float) -> float:
     """The error at which the simulation begins to swing, by bisection between 0.75 and 1.35 times the theory."""
-
-    def error(x: float) -> Mismatch:
-        return Mismatch(gain=x) if kind == "gain" else Mismatch(dead_time_s=x)
-
     low, high = 0.75 * theory, 1.35 * theory
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -144,26 +111,21 @@ def critical(neck: NeckSpec, kind: Kind, theory: float, period_s: float) -> floa
     return 0.5 * (low + high)
 
 
-def compare(neck: NeckSpec) -> tuple[Margins, float, float]:
+def compare(neck: gz.NeckSpec) -> tuple[Margins, float, float]:
     """Margins of the pan, and the critical gain and delay, seconds, of the simulation."""
-    pan = margins(Mpc(neck))[0]
+    pan = margins(gz.Mpc(neck))[0]
     crossing_s = 2.0 * math.pi / (math.radians(pan.phase_deg) / pan.delay_s)
-    return (
-        pan,
-        critical(neck, "gain", pan.gain, 1.0 / pan.gain_hz),
-        critical(neck, "dead time", pan.delay_s, crossing_s),
-    )
+    gain = critical(neck, lambda x: Mismatch(gain=x), pan.gain, 1.0 / pan.gain_hz)
+    return pan, gain, critical(neck, lambda x: Mismatch(dead_time_s=x), pan.delay_s, crossing_s)
 
 
 def _work(settings: SwingSettings, _: str) -> int:
     print(f"{'neck':<17} {'gain margin':>12} {'simulated':>10} {'delay margin [ms]':>18} {'simulated':>10}")
     for name in settings.necks:
-        neck = load_neck(name)
+        neck = gz.load_neck(name)
         pan, gain, delay_s = compare(neck)
-        print(
-            f"{neck.name:<17} {pan.gain:>12.2f} {gain:>10.2f} {1e3 * pan.delay_s:>18.0f} {1e3 * delay_s:>10.0f}",
-            flush=True,
-        )
+        row = f"{pan.gain:>12.2f} {gain:>10.2f} {1e3 * pan.delay_s:>18.0f} {1e3 * delay_s:>10.0f}"
+        print(f"{neck.name:<17} {row}", flush=True)
     return 0
 
 

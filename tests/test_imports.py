@@ -36,7 +36,7 @@ GAZEMPC = (
 EXPERIMENTS = (
     ("pages", "plots"),
     ("engine", "aggregate"),
-    ("compare_page", "forecast"),
+    ("forecast",),
     (
         "compare",
         "bound",

@@ -84,6 +84,10 @@ class ChoiceSettings(WorkSettings):
         default={}, description="Options of parts of your own: --options.KEY VALUE, for a parameter of the constructor"
     )
 
+    def recordings_in_place(self) -> dict[str, str]:
+        """The recordings as of `find_recordings`, each with its name of `in_place`."""
+        return {name: in_place(name) for name in find_recordings(self.recordings)}
+
     def checked_predictors(self, *controllers: str) -> list[str]:
         """The predictors by name, each once.
 
@@ -299,11 +303,6 @@ def check_optuna(what: str) -> None:
     """Raise MissingOptionalDependencyError, which names what needs it, unless Optuna is installed."""
     if find_spec("optuna") is None:
         raise MissingOptionalDependencyError(what, "optuna", "tune")
-
-
-def call_of(name: str, values: dict[str, Any]) -> str:
-    """The text of a call from Python, such as ``experiments.compare.compare(recordings=['synthetic'])``."""
-    return f"{name}({', '.join(f'{key}={value!r}' for key, value in values.items())})"
 
 
 def exit_status(left_limits: bool, failed: bool) -> int:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from experiments.engine.job import Cluster, Job, Results, Row, on_this_machine
+from experiments.engine.job import Cluster, Job, Row, on_this_machine
 from gazempc.errors import GazempcError, shown
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
@@ -196,7 +196,8 @@ class Engine:
         self._bar.write(f"{len(missing)} {self._unit}s to do: about {left_min:.0f} min", file=sys.stderr)
 
     def _carry_out(self, missing: dict[str, Job], failed: dict[str, Row]) -> None:
-        results = (self._cluster or self._here)(missing)
+        cluster = self._cluster
+        results = cluster(missing) if cluster else on_this_machine(missing, min(self._jobs, len(missing)))
         try:
             for key, row in results:
                 with deferred():
@@ -214,9 +215,6 @@ class Engine:
         else:
             self._rows[key] = self._cache.keep(key, row)
         self._count()
-
-    def _here(self, missing: dict[str, Job]) -> Results:
-        return on_this_machine(missing, min(self._jobs, len(missing)))
 
     def _count(self, n: int = 1) -> None:
         if self._bar is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -14,7 +13,7 @@ from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
 from gazempc.results.metrics import measure
-from gazempc.results.run_summary import faults, measure_compute
+from gazempc.results.run_summary import faults, measure_compute, without_nan
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import make_scene
 from gazempc.sim.sensor import SensorSpec, default_sensor
@@ -90,8 +89,7 @@ def metrics_of(done: Replayed) -> Row:
     """
     log = done.log
     metrics = measure(log).as_dict() | measure_compute(done.times, log.neck.control_period_s).as_dict()
-    known = {name: None if _is_nan(value) else value for name, value in metrics.items()}
-    return {"simulated_s": float(log.time_s[-1] - log.time_s[0])} | known
+    return {"simulated_s": float(log.time_s[-1] - log.time_s[0]), **without_nan(metrics)}
 
 
 def all_faults(rows: Iterable[Row]) -> list[Row]:
@@ -122,7 +120,3 @@ def load_once(recording: str, reading: ReadOptions | None = None) -> Recording:
 @lru_cache(maxsize=8)
 def _load_once(recording: str, reading: ReadOptions | None, _: tuple[str, ...]) -> Recording:
     return load(recording, reading)
-
-
-def _is_nan(value: object) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)

@@ -17,18 +17,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from pydantic import Field
 
+import gazempc as gz
 from experiments.engine.command import Command
 from experiments.pages import markdown
 from gazempc.errors import SettingsError
 from gazempc.neck import human
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray
-from gazempc.neck.spec import NeckSpec, load_neck
-from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.results.figures.style import COLOURS, DPI, readable
 from gazempc.settings import Settings
 from gazempc.sim.replay import replay_scene
 from gazempc.sim.scene import Scene
-from gazempc.sim.sensor import SensorSpec
 from gazempc.types import FloatArray
 
 Direction = Literal["sideways", "up", "down"]
@@ -40,7 +38,7 @@ _ONSET_SHARE = 0.05
 # The gaze is there within this; the eye contact of a person allows 2.6 deg.
 _THERE_RAD = math.radians(1.0)
 # Without errors: what is looked at is the motion.
-_SENSOR = SensorSpec(name="exact", source="no errors", rate_hz=30.0, latency_s=0.066)
+_SENSOR = gz.SensorSpec(name="exact", source="no errors", rate_hz=30.0, latency_s=0.066)
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class Shift:
         return float(self.times_s[np.flatnonzero(speed > _ONSET_SHARE * speed.max())[0]])
 
 
-def make_shift(neck: NeckSpec, controller: str, direction: Direction, amplitude_deg: float) -> Shift:
+def make_shift(neck: gz.NeckSpec, controller: str, direction: Direction, amplitude_deg: float) -> Shift:
     """Simulate a shift.
 
     Args:
@@ -111,12 +109,8 @@ def make_shift(neck: NeckSpec, controller: str, direction: Direction, amplitude_
     eye_m, _ = gaze_ray(neck.geometry, np.zeros(neck.joints))
     times_s = np.arange(0.0, _DURATION_S, 1.0 / _SENSOR.rate_hz)
     heads_m = np.tile(eye_m + _DISTANCE_M * towards, (times_s.size, 1))
-    scene = Scene(
-        walk=recording_from_arrays("shift", times_s, heads_m, in_base_frame=True),
-        neck=neck,
-        sensor=_SENSOR,
-        start_rad=(0.0, 0.0),
-    )
+    walk = gz.recording_from_arrays("shift", times_s, heads_m, in_base_frame=True)
+    scene = Scene(walk, neck, _SENSOR, start_rad=(0.0, 0.0))
     log = replay_scene(scene, controller, "perfect").log
     known = log.time_s >= _SENSOR.latency_s
     joints = log.joint_position_rad[known]
@@ -239,7 +233,7 @@ def compared(shift: Shift, scale: float) -> dict[str, BesidePeople]:
     return found | {eye_peak: BesidePeople(shift.eye_peak_deg_s, law, _SPREAD_OF_PEAK * law)}
 
 
-def make_shifts(neck: NeckSpec, controller: str) -> list[Shift]:
+def make_shifts(neck: gz.NeckSpec, controller: str) -> list[Shift]:
     """All shifts of the comparison, as far as the neck can look.
 
     Args:
@@ -284,7 +278,7 @@ def _cell(each: BesidePeople) -> str:
 
 
 def _run(settings: HumanSettings, _: str) -> int:
-    given = load_neck(settings.neck)
+    given = gz.load_neck(settings.neck)
     neck = human.with_motion(given, "human")
     if neck.body is not None:
         raise SettingsError(f"--neck {settings.neck}: a body takes part in large shifts; accepted: eyes and no body")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway
-from experiments.fit.standing import vary_standing
+from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway, vary_standing
 from experiments.fit.trackers import beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
@@ -69,9 +69,13 @@ class Examples:
     places_m: NDArray[np.float32]
 
 
-def join(parts: list[Examples]) -> Examples:
-    """Examples of many recordings in one table."""
-    return Examples(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Examples)))
+T = TypeVar("T")
+
+
+def join(parts: Sequence[T]) -> T:
+    """Arrays of many recordings in one table."""
+    names = [field.name for field in fields(parts[0])]  # type: ignore[arg-type]
+    return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def _joined(parts: list[Examples], name: str) -> Examples:
@@ -94,7 +98,7 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     """
     truth = CubicSpline(walk.times_s, walk.head_m)
     walker = Walker(_BLANK)
-    network, spread, noise, departure, weights, lines, places = ([] for _ in range(7))
+    found: list[tuple[Any, ...]] = []
     for observation in observations:
         walker.update(observation)
         inputs = walker.inputs()
@@ -105,17 +109,10 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
         off = truth(ahead_s) - line.origin_base_m - KNOTS_S[:, None] * line.velocity_base_m_s
         off = off @ line.to_base()
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
-        network.append(inputs.network)
-        spread.append(inputs.spread)
-        noise.append(inputs.stated_sd_m)
-        departure.append(off)
-        weights.append(weight * inputs.on_foot)
-        lines.append(inputs.line_m_s)
-        places.append(inputs.places_m)
-    return Examples(
-        np.array(network, dtype=np.float16),
-        *(np.array(a, dtype=np.float32) for a in (spread, noise, departure, weights, lines, places)),
-    )
+        weighted = off, weight * inputs.on_foot
+        found.append((inputs.network, inputs.spread, inputs.stated_sd_m, *weighted, inputs.line_m_s, inputs.places_m))
+    network, *others = zip(*found, strict=True) if found else ((),) * len(fields(Examples))
+    return Examples(np.array(network, dtype=np.float16), *(np.array(each, dtype=np.float32) for each in others))
 
 
 def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | None = None) -> Examples:
@@ -188,15 +185,8 @@ def scoring_sensors() -> tuple[SensorSpec, ...]:
     hidden = YawError(reported=False)
     blind = reference.model_copy(update={"name": "positions", "head_yaw": hidden, "pelvis_yaw": hidden})
     silent = camera.model_copy(update={"name": "silent_camera", "states_covariance": False})
-    return (
-        load_sensor("perfect"),
-        reference,
-        blind,
-        load_sensor("body_tracker"),
-        camera,
-        load_sensor("street"),
-        silent,
-    )
+    perfect, body, street = (load_sensor(name) for name in ("perfect", "body_tracker", "street"))
+    return perfect, reference, blind, body, camera, street, silent
 
 
 def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) -> Examples:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import distributions
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,19 +16,8 @@ from experiments.engine.job import Row, key_of, recording_hash
 from experiments.fit.examples import Examples, fitting_examples, join, scoring_examples
 from gazempc.errors import MissingOptionalDependencyError
 from gazempc.sim.sensor import SensorSpec
+from predictors.walker import network as walker
 from predictors.walker.features import CORRELATION, LOG_SD, N_INPUTS, NOISE_SCALE_M, OF_YAWS
-from predictors.walker.network import (
-    DEPARTURE_SCALE_M,
-    DEPARTURES,
-    KNOTS_S,
-    N_DOUBT,
-    N_OUTPUTS,
-    PLACES,
-    WALKS,
-    RegimeMotion,
-    WalkerModel,
-    staying,
-)
 
 Float32Array = NDArray[np.float32]
 
@@ -115,23 +104,23 @@ def fit_networks(
         jnp.asarray(examples.places_m),
     )
     n, usual_m2 = len(examples.weight), jnp.asarray(_USUAL_ERROR_M**2, dtype=jnp.float32)
-    scale = jnp.asarray(DEPARTURE_SCALE_M, dtype=jnp.float32)[:, None]
+    scale = jnp.asarray(walker.DEPARTURE_SCALE_M, dtype=jnp.float32)[:, None]
     knot_weights = jnp.asarray(_KNOT_WEIGHTS / _USUAL_ERROR_M, dtype=jnp.float32)
-    sizes = (shown.size, *HIDDEN, N_OUTPUTS)
+    sizes = (shown.size, *HIDDEN, walker.N_OUTPUTS)
     optimiser = optax.adamw(optax.cosine_decay_schedule(_LEARNING_RATE, steps), weight_decay=_WEIGHT_DECAY)
 
-    def output(layers: Any, h: Any, motion: RegimeMotion) -> Any:
+    def output(layers: Any, h: Any, motion: walker.RegimeMotion) -> Any:
         for w, b in layers[:-1]:
             h = jnp.tanh(h @ w + b)
         answers = h @ layers[-1][0] + layers[-1][1]
-        departures = answers[:, DEPARTURES].reshape(-1, KNOTS_S.size, 3) * scale
-        walks = 1.0 / (1.0 + jnp.exp(-answers[:, WALKS]))
-        stays = staying(answers[:, PLACES], motion, xp=jnp)
+        departures = answers[:, walker.DEPARTURES].reshape(-1, walker.KNOTS_S.size, 3) * scale
+        walks = 1.0 / (1.0 + jnp.exp(-answers[:, walker.WALKS]))
+        stays = walker.staying(answers[:, walker.PLACES], motion, xp=jnp)
         return walks[:, None, None] * departures + (1.0 - walks)[:, None, None] * stays
 
     def loss(layers: Any, batch: Any) -> Any:
         x, y, known, weight, noise_m2, line_m_s, places_m = batch
-        off = output(layers, x.astype(jnp.float32), RegimeMotion(line_m_s, places_m)) - y
+        off = output(layers, x.astype(jnp.float32), walker.RegimeMotion(line_m_s, places_m)) - y
         # The constant keeps the gradient of the distance finite at zero.
         distance = jnp.sqrt(seen_distance2(off, noise_m2, usual_m2) + 1e-5)
         return jnp.mean(jnp.where(known, distance, 0.0) * weight[:, None] * knot_weights)
@@ -147,8 +136,8 @@ def fit_networks(
 
         return jax.lax.scan(step, (layers, optimiser.init(layers)), jax.random.split(key, steps))[0][0]
 
-    begins = np.zeros(N_OUTPUTS)
-    begins[WALKS], begins[PLACES.start] = _BEGINS_WALKING, _BEGINS_NEWEST
+    begins = np.zeros(walker.N_OUTPUTS)
+    begins[walker.WALKS], begins[walker.PLACES.start] = _BEGINS_WALKING, _BEGINS_NEWEST
     fitted = []
     for k in range(networks):
         rng = np.random.default_rng([seed, k])
@@ -171,7 +160,7 @@ def fit_networks(
     )
 
 
-LIBRARIES = ("jax", "jaxlib", "optax")
+_LIBRARIES = {"jax", "jaxlib", "optax"}
 # Slope and threshold of the decision between walking and staying. Chosen on standing and starting people left out of
 # the fit; `docs/predictors.md` has the trade-off over the threshold.
 _DECISION = (2.5, 1.0)
@@ -224,8 +213,9 @@ class NetworksJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        names, versions = [path.stem for path in self.examples], [_version(library) for library in LIBRARIES]
-        return key_of(self, examples=names, versions=versions)
+        names = [path.stem for path in self.examples]
+        installed = {d.name: d.version for d in distributions() if d.name in _LIBRARIES}
+        return key_of(self, examples=names, versions=installed)
 
     def run(self) -> Row:
         """Weights and biases, layer by layer."""
@@ -240,7 +230,7 @@ def examples_of(row: Row) -> Examples:
     return Examples(**{f.name: row[f.name] for f in fields(Examples)})
 
 
-def model_of(seeing: Row, blind: Row, key: str) -> WalkerModel:
+def model_of(seeing: Row, blind: Row, key: str) -> walker.WalkerModel:
     """A model without a fitted uncertainty.
 
     Args:
@@ -255,12 +245,7 @@ def model_of(seeing: Row, blind: Row, key: str) -> WalkerModel:
     weights, biases, blind_weights, blind_biases = (
         tuple(row[f"{what}_{i}"] for i in layers) for row in (seeing, blind) for what in ("weights", "biases")
     )
-    no_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
-    return WalkerModel(weights, biases, blind_weights, blind_biases, no_spread, decision=_DECISION, about={"key": key})
-
-
-def _version(library: str) -> str:
-    try:
-        return version(library)
-    except PackageNotFoundError:
-        return "not installed"
+    no_spread = np.zeros((walker.N_DOUBT, walker.KNOTS_S.size, 3))
+    return walker.WalkerModel(
+        weights, biases, blind_weights, blind_biases, no_spread, decision=_DECISION, about={"key": key}
+    )

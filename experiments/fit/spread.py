@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import digamma, gammaln
 from scipy.stats import f as f_distribution
 
-from experiments.fit.examples import Examples
+from experiments.fit.examples import Examples, join
 from gazempc.types import FloatArray
 from predictors.walker.network import RegimeMotion, WalkerModel
 
@@ -106,14 +106,8 @@ def _most_likely(doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, we
     # Reasons on one scale, so that the priors hold them alike. The first one is the constant.
     mean, sd = np.append(0.0, doubt[:, 1:].mean(axis=0)), np.append(1.0, doubt[:, 1:].std(axis=0) + 1e-6)
     likelihood = SpreadLikelihood((doubt - mean) / sd, noise_m, error_m, weight)
-    found = minimize(
-        likelihood,
-        likelihood.start(),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=likelihood.bounds(),
-        options={"maxiter": _STEPS},
-    )
+    start, bounds = likelihood.start(), likelihood.bounds()
+    found = minimize(likelihood, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": _STEPS})
     linear, hidden, out, log_share, v = likelihood.parts(found.x)
     for part in (linear, hidden):
         part[:] /= sd[:, None]
@@ -217,11 +211,6 @@ class Found:
         noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
         return cls(doubt, noise_m, departure - part.departure_m, weight)
 
-    @classmethod
-    def join(cls, parts: Sequence[Found]) -> Found:
-        """All errors in one table."""
-        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
-
 
 def errors_on_left_out(
     left_out: Mapping[str, WalkerModel], people: Sequence[str], scoring: Sequence[Examples]
@@ -248,5 +237,5 @@ def fit_doubt(found: Sequence[Found]) -> Spread:
     Returns:
         The uncertainty's part of a `WalkerModel`.
     """
-    everything = Found.join(found)
+    everything = join(found)
     return fit_spread(everything.doubt, everything.noise_m, everything.error_m, everything.weight)

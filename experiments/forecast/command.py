@@ -11,16 +11,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from experiments.aggregate import file_name, sensors_of
-from experiments.engine.command import (
-    ChoiceSettings,
-    Command,
-    each_sensor,
-    exit_status,
-    find_recordings,
-    in_place,
-    name_parts,
-    options_of,
-)
+from experiments.engine.command import ChoiceSettings, Command, each_sensor, exit_status, name_parts, options_of
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.forecast.errors import RUN_IN_S, ClipView, Cues, ForecastJob
@@ -107,17 +98,15 @@ def _forecast(settings: ForecastSettings) -> list[Row]:
     for what, values in (("horizons", settings.horizons), ("rates", settings.rates)):
         if not all(0 < value < float("inf") for value in values):
             raise GazempcError(f"{what} must be positive, got {list(values)}")
-    recordings = find_recordings(settings.recordings)
+    recordings = settings.recordings_in_place()
     views = _views(settings)
     predictors = settings.checked_predictors()
     parts = PredictorSettings(**{name: getattr(settings, name) for name in PredictorSettings.model_fields})
     asked = list(itertools.product(recordings, views, predictors, dict.fromkeys(settings.cues)))
-    jobs = [
-        ForecastJob(
-            in_place(name), predictor, cues, settings.horizons, view, parts, options_of("", predictor, settings.options)
-        )
-        for name, view, predictor, cues in asked
-    ]
+    jobs = []
+    for name, view, predictor, cues in asked:
+        options = options_of("", predictor, settings.options)
+        jobs.append(ForecastJob(recordings[name], predictor, cues, settings.horizons, view, parts, options))
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
     rows: list[Row] = [

@@ -205,34 +205,31 @@ def forecast_errors(
     reference = ConstantVelocity()
     true_head = true_head or TrueHead(recording)
     observations = [_shown(each.observation, cues) for each in in_order(recording, sensor, seed)]
-    captures, filtered, means, covariances, freedom, update_us = [], [], [], [], [], []
+    found, update_us = [], []
     for observation in observations:
+        capture_s = observation.capture_time_s
         reference.update(observation)
         started = time.perf_counter()
         predictor.update(observation)
         update_us.append(1e6 * (time.perf_counter() - started))
-        captures.append(observation.capture_time_s)
-        filtered.append(reference.state()[1][:3])
-        forecast = predictor.forecast(observation.capture_time_s + horizons_s)
-        means.append(forecast.means_base_m)
-        covariances.append(forecast.covariances_m2)
-        freedom.append(forecast.degrees_of_freedom)
-    capture_s = np.array(captures)
-    scored = capture_s >= capture_s[0] + RUN_IN_S - 1e-9
-    ahead_s = capture_s[scored, None] + horizons_s
-    mean = np.array(means)[scored]
+        forecast = predictor.forecast(capture_s + horizons_s)
+        stated = forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom
+        found.append((capture_s, reference.state()[1][:3], *stated))
+    captures_s, positions, means, covariances, freedom = (np.array(column) for column in zip(*found, strict=True))
+    scored = captures_s >= captures_s[0] + RUN_IN_S - 1e-9
+    ahead_s = captures_s[scored, None] + horizons_s
+    mean = means[scored]
     unknown = ~true_head.known(ahead_s)
 
     difference = mean - true_head(ahead_s)
-    positions = np.array(filtered)
-    filtered_ahead = np.stack([np.interp(ahead_s, capture_s, positions[:, i]) for i in range(3)], axis=-1)
+    filtered_ahead = np.stack([np.interp(ahead_s, captures_s, positions[:, i]) for i in range(3)], axis=-1)
     error_filtered = np.linalg.norm(mean - filtered_ahead, axis=-1)
-    error_filtered[unknown | (ahead_s > capture_s[-1] + 1e-6)] = np.nan
-    nees = _nees(difference, np.array(covariances)[scored])
-    parts = _along_across_up(difference, true_head, capture_s[scored])
+    error_filtered[unknown | (ahead_s > captures_s[-1] + 1e-6)] = np.nan
+    nees = _nees(difference, covariances[scored])
+    parts = _along_across_up(difference, true_head, captures_s[scored])
     for values in (parts, nees):
         values[unknown] = np.nan
-    return ForecastErrors(horizons_s, parts, error_filtered, nees, np.array(freedom)[scored], np.array(update_us))
+    return ForecastErrors(horizons_s, parts, error_filtered, nees, freedom[scored], np.array(update_us))
 
 
 def _shown(observation: HeadObservation, cues: Cues) -> HeadObservation:
@@ -249,14 +246,8 @@ def _along_across_up(difference_m: FloatArray, true_head: TrueHead, capture_s: F
     # Who stands has no direction of travel; x serves as well as any.
     direction = np.where(length > 1e-6, travelled / np.maximum(length, 1e-6), [1.0, 0.0])
     across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
-    return np.stack(
-        [
-            np.einsum("fhi,fi->fh", difference_m[..., :2], direction),
-            np.einsum("fhi,fi->fh", difference_m[..., :2], across),
-            difference_m[..., 2],
-        ],
-        axis=-1,
-    )
+    level = np.einsum("fhi,fki->fhk", difference_m[..., :2], np.stack([direction, across], axis=1))
+    return np.concatenate([level, difference_m[..., 2:]], axis=-1)
 
 
 def _nees(difference_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:

@@ -45,7 +45,7 @@ def summarise(results: Sequence[_Row]) -> list[dict[str, Any]]:
         baselines = {name: {r["recording"]: r for r in reversed(seen) if r["predictor"] == name} for name in _BASELINES}
         for predictor, cues in dict.fromkeys((r["predictor"], r["cues"]) for r in seen):
             for clips in clips_of(seen):
-                named = {"sensor": sensor, "predictor": predictor, "cues": cues, **clips.labels}
+                named = {"sensor": sensor, "predictor": predictor, "cues": cues, **vars(clips)}
                 chosen = [r for r in seen if (r["predictor"], r["cues"]) == (predictor, cues) and clips.hold(r)]
                 for i, horizon_s in enumerate(chosen[0]["horizons_s"] if chosen else ()):
                     ratios = {f"ratio_to_{name}": _ratio(chosen, own, i) for name, own in baselines.items()}

@@ -194,13 +194,13 @@ def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str
         filtered_m.append(baseline.state()[1][:3])
         forecast_m.append(baseline.forecast(ahead_s).means_base_m)
         for rule, predictor in bent.items():
-            predictor.update(_with_waist(observation) if rule == "waist itself" else observation)
+            waist = replace(observation, head_quat_wxyz=observation.pelvis_quat_wxyz)
+            predictor.update(waist if rule == "waist itself" else observation)
             turned_m[rule].append(predictor.forecast(ahead_s).means_base_m)
             yaw_rad = predictor.relative_yaw_rad()
             yaw_deg[rule].append(None if yaw_rad is None else round(float(np.degrees(yaw_rad)), 4))
     times_s, positions_m, forecasts_m = np.array(capture_s), np.array(filtered_m), np.array(forecast_m)
-    true_head = TrueHead(recording)
-    errors = []
+    true_head, errors = TrueHead(recording), []
     for i, horizon_s in enumerate(HORIZONS_S):
         at_s = times_s + horizon_s
         scored = _known(times_s, at_s)
@@ -219,11 +219,6 @@ def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str
             }
         )
     return {"horizons": errors, **_walk(true_head, times_s)}
-
-
-def _with_waist(observation: HeadObservation) -> HeadObservation:
-    """As if the head were turned as the waist is."""
-    return replace(observation, head_quat_wxyz=observation.pelvis_quat_wxyz)
 
 
 def _plain(values_m: FloatArray) -> list[list[float]]:

@@ -25,10 +25,11 @@ from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.paper import filters, validation
 from experiments.paper.filters import TUNED_TIME_S, Rows, mean_mm
-from experiments.paper.findings import draw_bars, report, side_by_side
-from experiments.paper.frames import GROUPS, HORIZONS_S, RULES, FrameJob, Frames, frames_of, labelled
+from experiments.paper.findings import error_plots, report, side_by_side
+from experiments.paper.frames import GROUPS, HORIZONS_S, RULES, FrameJob, frames_of, labelled
 from experiments.paper.published import PUBLISHED, SIGNIFICANCE_LEVEL, W_MEAN, W_READINGS, W_SD, implied_frames
 from experiments.paper.validation import ALTERNATIVE, ZERO_METHOD, Judged, exact_weight, frame_test, person_test
+from experiments.plots import draw
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
 from gazempc.results.run_summary import versions, without_nan
@@ -55,30 +56,24 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
     table = filters.sweep(rows_by_time)
     smooth = {against: filters.closest_time_s(table, against) for against in filters.AGAINST}
     ways = [("filtered", filter_time_s), *smooth.items()]
-    rule_times_s = tuple(dict.fromkeys((filter_time_s, filters.SLOW_TIME_S)))
-    total = len(ways) + 1 + len(rule_times_s) * len(RULES)
-    bar = tqdm(total=total, unit="validation", file=sys.stderr, mininterval=1.0)
-
-    def validate(videos: Sequence[Frames], balanced: bool = False) -> list[Judged]:
-        judged = validation.leave_one_subject_out(videos, seed, trials, balanced)
-        bar.update()
-        return judged
-
-    main, *others = [(a, t, validate(frames_of(rows_by_time[t], a))) for a, t in ways]
-    rules = [
-        (time_s, rule, validate(frames_of(rows_by_time[time_s], rule=rule)))
-        for time_s in rule_times_s
-        for rule in RULES
-    ]
+    ruled = [(time_s, rule) for time_s in dict.fromkeys((filter_time_s, filters.SLOW_TIME_S)) for rule in RULES]
     videos = frames_of(rows_by_time[filter_time_s])
-    balanced = validate(videos, balanced=True)
-    bar.close()
+    sets = [(frames_of(rows_by_time[time_s], against), False) for against, time_s in ways]
+    sets += [(frames_of(rows_by_time[time_s], rule=rule), False) for time_s, rule in ruled] + [(videos, True)]
+    main, *judged, balanced = (
+        validation.leave_one_subject_out(frames, seed, trials, equally)
+        for frames, equally in tqdm(sets, unit="validation", file=sys.stderr, mininterval=1.0)
+    )
+    others = [(*way, own) for way, own in zip(ways[1:], judged, strict=False)]
+    rules = [(*key, own) for key, own in zip(ruled, judged[len(others) :], strict=True)]
     return {
-        **_validated(main[2]),
+        **_validated(main),
         "w_exact_all_subjects": exact_weight(videos),
         "test": {"zero_method": ZERO_METHOD, "alternative": f"baseline {ALTERNATIVE}", "level": SIGNIFICANCE_LEVEL},
         "balanced": {**_validated(balanced), "w_exact_all_subjects": exact_weight(videos, balanced=True)},
-        "published_weights": [{"weight": w, **_validated(_with_weight(videos, w))} for w in W_READINGS],
+        "published_weights": [
+            {"weight": w, **_validated([validation.judge(video, w) for video in videos])} for w in W_READINGS
+        ],
         "rules": [
             {"filter_time_s": time_s, "rule": rule, "w_mean": _weights(own)["w_mean"], **row}
             for time_s, rule, own in rules
@@ -131,11 +126,6 @@ def _person_tests(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     pools = {p.group: (p.group,) for p in PUBLISHED} | {"R34+R56": TURNING}
     chosen = {name: [j for j in judged if j.group in groups] for name, groups in pools.items()}
     return [{"group": name, **person_test(own)} for name, own in chosen.items() if own]
-
-
-def _with_weight(videos: Sequence[Frames], weight: float) -> list[Judged]:
-    """The rule as it would be used with a weight from the paper, without tuning."""
-    return [Judged(v.recording, v.subject, v.group, weight, v.error_mm(0.0), v.error_mm(weight)) for v in videos]
 
 
 def _yaw(rows: Rows) -> dict[str, Any]:
@@ -250,7 +240,7 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     write_whole(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
     text = report(summary)
     write_whole(folder / "summary.md", text)
-    draw_bars(summary, folder / "error_bars.png")
+    draw(error_plots(summary), folder / "error_bars.png", f"{word}; 95 % intervals over people")
     print(text)
     print(f"{word}: {time.monotonic() - started:.0f} s; tables and figures in {folder}/\n")
     return summary

@@ -123,10 +123,12 @@ def leave_one_subject_out(videos: Sequence[Frames], seed: int, trials: int, bala
         subject: tune_weight([v for v in videos if v.subject != subject], int(own), trials, balanced)
         for subject, own in zip(subjects, seeds, strict=True)
     }
-    return [
-        Judged(v.recording, v.subject, v.group, (w := weights[v.subject]), v.error_mm(0.0), v.error_mm(w))
-        for v in videos
-    ]
+    return [judge(v, weights[v.subject]) for v in videos]
+
+
+def judge(video: Frames, weight: float) -> Judged:
+    """The errors on a video without the rule, and with it at a weight."""
+    return Judged(video.recording, video.subject, video.group, weight, video.error_mm(0.0), video.error_mm(weight))
 
 
 ZERO_METHOD: Final = "wilcox"  # frames without any difference say nothing and are dropped

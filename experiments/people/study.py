@@ -15,21 +15,18 @@ import numpy as np
 from pydantic import Field
 from ruckig import InputParameter, Ruckig, Trajectory
 
+import gazempc as gz
 from experiments.engine.command import Command
 from experiments.pages import markdown
 from gazempc.errors import RecordingError
-from gazempc.neck.spec import NeckSpec
 from gazempc.people.company import Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
 from gazempc.people.schedule import LookAways
-from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.recordings.load import load_together
-from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.results.attention import measure_attention
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.settings import DEFAULT_PREDICTOR, GAZES, AttentionSettings, LookAwayMode, LookAwaySettings, Settings
 from gazempc.sim.replay import ReplaySettings, replay_scene
@@ -66,7 +63,7 @@ class SecondLater:
         return [float(person.number == wanted) for person in company.people]
 
 
-def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> Log:
+def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> gz.Log:
     """A person stands, and the robot looks away now and then.
 
     Args:
@@ -82,7 +79,7 @@ def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> Lo
     return replay_scene(_scene(neck, seconds, _AT_M), controller, DEFAULT_PREDICTOR, settings).log
 
 
-def switches(controller: str, seeds: int, neck: str) -> list[tuple[Log, float]]:
+def switches(controller: str, seeds: int, neck: str) -> list[tuple[gz.Log, float]]:
     """Two people stand, and the second is looked at later.
 
     Args:
@@ -108,7 +105,7 @@ def switches(controller: str, seeds: int, neck: str) -> list[tuple[Log, float]]:
     return found
 
 
-def least_time_s(neck: NeckSpec, angle_deg: float) -> float:
+def least_time_s(neck: gz.NeckSpec, angle_deg: float) -> float:
     """The least time until a pan from rest is in contact: the fastest motion that the limits allow, dead time and lag.
 
     Args:
@@ -137,7 +134,7 @@ def _scene(neck: str, seconds: float, *places_m: tuple[float, float, float]) -> 
     sway_m = np.column_stack([0.02 * np.sin(0.8 * times_s), 0.03 * np.sin(1.3 * times_s), 0.01 * np.sin(1.1 * times_s)])
     settings = SceneSettings(neck=neck, sensor="reference", placement="recorded")
     walks = [
-        recording_from_arrays(f"standing{k}", times_s, np.array(at_m) + sway_m, in_base_frame=True)
+        gz.recording_from_arrays(f"standing{k}", times_s, np.array(at_m) + sway_m, in_base_frame=True)
         for k, at_m in enumerate(places_m)
     ]
     people = [make_scene(walk, settings) for walk in walks]
@@ -185,7 +182,7 @@ def decided(folder: Path) -> Decided:
     return Decided(len(each), *np.sum(each, axis=0).tolist())
 
 
-def _decided(walk: Recording, truth: bool) -> tuple[float, float, float]:
+def _decided(walk: gz.Recording, truth: bool) -> tuple[float, float, float]:
     engagement, track = Engagement(), walk.measured or walk.truth
     found_s: dict[bool | None, float] = {True: 0.0, False: 0.0, None: 0.0}
     step_s = np.diff(walk.times_s, prepend=walk.times_s[0]).tolist()
@@ -277,27 +274,20 @@ def switch_table() -> str:
     return "Switches between two people, neck reference\n\n" + markdown([*head, "overshoot, at most [deg]"], rows)
 
 
-Part = Literal["returns", "switches"]
-
-
 class PeopleStudySettings(Settings):
     """Settings of `python -m experiments.people`."""
 
     bags: Path | None = Field(default=None, description="Folder of ROS 2 bags whose names say who is engaged")
-    parts: tuple[Part, ...] = Field(default=("returns", "switches"), description="What is measured")
+    parts: tuple[Literal["returns", "switches"], ...] = Field(
+        default=("returns", "switches"), description="What is measured"
+    )
     every: int = Field(default=6, ge=1, description="For returns: one of so many synthetic walks")
     out: Path = Field(default=Path("out/people"), description="Folder to write to")
 
 
 def _run(settings: PeopleStudySettings, _: str) -> int:
-    measure = {
-        "returns": lambda: return_table(settings.every),
-        "switches": switch_table,
-    }
-    tables = [measure[part]() for part in settings.parts]
-    if settings.bags is not None:
-        tables.append(engaged_table(settings.bags))
-    text = "\n".join(tables)
+    tables = [return_table(settings.every) if part == "returns" else switch_table() for part in settings.parts]
+    text = "\n".join([*tables, *([] if settings.bags is None else [engaged_table(settings.bags)])])
     settings.out.mkdir(parents=True, exist_ok=True)
     path = settings.out / "report.md"
     path.write_text(f"{text}\n", encoding="utf-8")

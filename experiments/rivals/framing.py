@@ -12,7 +12,6 @@ if __name__ == "__main__":  # before the other imports, which are slow
     end_during_imports("rivals.framing")
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
+import gazempc as gz
 from experiments.aggregate import bootstrap_mean
 from experiments.engine.command import Command, WorkSettings, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
@@ -31,23 +31,18 @@ from experiments.rivals.jobs import RivalJob
 from experiments.rivals.simulate import simulate
 from experiments.rivals.trials import STAND, STOP, Trial, make_trial
 from gazempc.files.whole import write_whole
-from gazempc.neck.picture import Framing
-from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.neck.speed_steps import SpeedSteps
-from gazempc.results.log import Log
-from gazempc.results.metrics import measure
-from gazempc.results.run_summary import versions
+from gazempc.results.run_summary import versions, without_nan
 from gazempc.settings import DEFAULT_PREDICTOR, LoopSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.tables import FieldOfView
-from gazempc.sim.sensor import SensorSpec, load_sensor
 
 VIEW_DEG = (60.0, 34.0)
 OURS, POINT = "gazempc", "gazempc, point"
 LAWS = ("frigate", "autoptz", "pixel_pid", "op3")
 # All aim at the middle of the picture, so the zone is there.
-FRAMING = Framing(headroom=0.5, lead_room=0.0)
+FRAMING = gz.Framing(headroom=0.5, lead_room=0.0)
 FIGURES = ("time_in_zone", "rms_acceleration_rad_s2", "reversals_per_min", "travel_deg_per_min", "time_to_reacquire_s")
 _LEVEL = 0.01  # of the time in zone
 # Free constants that are tried: cameras are faster than necks, and a share of their top speed is enough.
@@ -73,26 +68,21 @@ class Device:
     dead_time_s: float
     latency_s: float
 
-    def neck(self, name: str) -> NeckSpec:
+    def neck(self, name: str) -> gz.NeckSpec:
         """Its neck file: range, servo and acceleration of `ptz`, without encoders."""
-        neck = load_neck("ptz")
+        neck = gz.load_neck("ptz")
         axes = {}
         for joint, speeds, share in (("pan", self.pan_deg_s, 1.0), ("tilt", self.tilt_deg_s, 0.9)):
             one_way = np.deg2rad(speeds)
             steps = SpeedSteps(positive_rad_s=tuple(one_way), negative_rad_s=tuple(share * one_way))
-            axes[joint] = getattr(neck, joint).model_copy(
-                update={
-                    "speed_steps": steps,
-                    "velocity_max_rad_s": steps.fastest_rad_s,
-                    "dead_time_s": self.dead_time_s,
-                }
-            )
+            taken = {"speed_steps": steps, "velocity_max_rad_s": steps.fastest_rad_s, "dead_time_s": self.dead_time_s}
+            axes[joint] = getattr(neck, joint).model_copy(update=taken)
         return neck.model_copy(update={"name": name, "reports_joints": False, "head_view_deg": VIEW_DEG, **axes})
 
-    def sensor(self) -> SensorSpec:
+    def sensor(self) -> gz.SensorSpec:
         """The sensor `face_camera` on the head, as late as the pictures are."""
         view = FieldOfView(on="head", horizontal_deg=VIEW_DEG[0], vertical_deg=VIEW_DEG[1])
-        return load_sensor("face_camera").model_copy(update={"latency_s": self.latency_s, "view": view})
+        return gz.load_sensor("face_camera").model_copy(update={"latency_s": self.latency_s, "view": view})
 
 
 # Speeds: `docs/ptz.md` has the sources. The delays are ours: 0.6, 0.25 and 1.2 s in all.
@@ -112,7 +102,7 @@ class FramingSettings(WorkSettings):
     standing: tuple[str, ...] = Field(default=(), description="People who stand: the same")
     laws: tuple[str, ...] = Field(default=(*LAWS, POINT, OURS), min_length=1, description="Control laws")
     devices: tuple[str, ...] = Field(default=tuple(DEVICES), min_length=1, description="Devices")
-    framing: Framing = FRAMING
+    framing: gz.Framing = FRAMING
     out: Path = Field(default=Path("out/framing"), description="Where to write; an interrupted run goes on there")
 
 
@@ -124,22 +114,21 @@ class FramingJob(RivalJob):
         framing: Zone of the picture, and ours' settings.
     """
 
-    framing: Framing = FRAMING
+    framing: gz.Framing = FRAMING
 
     def run(self) -> Row:
         """The subject and `FIGURES`; None for what a run does not have."""
         log = self.log(make_trial(self.trial, self.recording))
-        metrics = measure(log).as_dict()
-        figures = {name: metrics[name] if math.isfinite(metrics[name]) else None for name in FIGURES}
-        return {"subject": log.run.subject, **figures}
+        metrics = gz.measure(log).as_dict()
+        return {"subject": log.run.subject, **without_nan({name: metrics[name] for name in FIGURES})}
 
-    def log(self, trial: Trial) -> Log:
+    def log(self, trial: Trial) -> gz.Log:
         """See `RivalJob.log`."""
         scene = Scene(trial.walk, self.neck, self.sensor, seed=self.seed)
         late_s = self.sensor.latency_s
         if self.rival in (OURS, POINT):
             settings = ReplaySettings(
-                framing=self.framing if self.rival == OURS else Framing(subject="no"),
+                framing=self.framing if self.rival == OURS else gz.Framing(subject="no"),
                 loop=LoopSettings(stale_after_s=0.5 + late_s, lost_after_s=1.5 + late_s, rest_after_s=10.0),
             )
             log = replay_scene(scene, "mpc", DEFAULT_PREDICTOR, settings).log
@@ -185,7 +174,7 @@ def _means(runs: Sequence[Row]) -> Row:
     row: Row = {name: runs[0][name] for name in ("device", "law", "constants")} | {"n_clips": len(runs)}
     people = [run["subject"] for run in runs]
     for name in FIGURES:
-        mean, *ends = bootstrap_mean([math.nan if run[name] is None else run[name] for run in runs], people)
+        mean, *ends = bootstrap_mean([run[name] for run in runs], people)
         row |= {name: mean, f"{name}_ci95": ends}
     return row
 

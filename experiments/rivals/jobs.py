@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+import gazempc as gz
 from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from experiments.rivals.laws import RIVALS
 from experiments.rivals.laws.frigate import Frigate, FrigateCalibration, MoveTime
@@ -17,20 +17,18 @@ from experiments.rivals.rival import HeadCamera, Rival, View
 from experiments.rivals.simulate import Motor, driven_by, simulate
 from experiments.rivals.trials import Trial, make_trial, recontact_s, response
 from gazempc.errors import LeftOutError
-from gazempc.neck.spec import NeckSpec
-from gazempc.results.log import Log
-from gazempc.results.metrics import MIN_DURATION_S, measure
+from gazempc.results.metrics import MIN_DURATION_S
+from gazempc.results.run_summary import without_nan
 from gazempc.settings import DEFAULT_PREDICTOR, WalkerSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
-from gazempc.sim.sensor import SensorSpec
 
 _RATE_HZ = 200.0
 # Frigate accepts no calibration that takes longer.
 _PATIENCE_S = 600.0
 
 
-def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCamera, **constants: Any) -> Rival:
+def make_rival(name: str, robot_neck: gz.NeckSpec, neck: gz.NeckSpec, camera: HeadCamera, **constants: Any) -> Rival:
     """Make a rival for a trial.
 
     Args:
@@ -51,7 +49,7 @@ def make_rival(name: str, robot_neck: NeckSpec, neck: NeckSpec, camera: HeadCame
 
 # A trial asks again for the same neck. Safe: what goes in and comes out does not change.
 @lru_cache(maxsize=16)
-def calibrate(neck: NeckSpec, camera: HeadCamera) -> MoveTime | None:
+def calibrate(neck: gz.NeckSpec, camera: HeadCamera) -> MoveTime | None:
     """Let a camera make Frigate's thirty moves, and fit their times.
 
     Args:
@@ -99,7 +97,7 @@ class ModelError:
     servo_scale: float = 1.0
     latency_error_s: float = 0.0
 
-    def neck(self, neck: NeckSpec) -> NeckSpec:
+    def neck(self, neck: gz.NeckSpec) -> gz.NeckSpec:
         """The neck as it is believed to be."""
         axes = {
             name: axis.model_copy(
@@ -112,7 +110,7 @@ class ModelError:
         }
         return neck.model_copy(update=axes)
 
-    def sensor(self, sensor: SensorSpec) -> SensorSpec:
+    def sensor(self, sensor: gz.SensorSpec) -> gz.SensorSpec:
         """The sensor with stamps that come of the believed latency."""
         offset_s = sensor.timing.stamp_offset_s - self.latency_error_s
         return sensor.model_copy(update={"timing": sensor.timing.model_copy(update={"stamp_offset_s": offset_s})})
@@ -137,8 +135,8 @@ class RivalJob:
     rival: str
     trial: str
     recording: str | None
-    neck: NeckSpec
-    sensor: SensorSpec
+    neck: gz.NeckSpec
+    sensor: gz.SensorSpec
     seed: int = 0
     constants: dict[str, float] = field(default_factory=dict)
     error: ModelError = ModelError()
@@ -155,15 +153,16 @@ class RivalJob:
         if float(trial.walk.times_s[-1]) < MIN_DURATION_S:
             raise LeftOutError(f"{trial.walk.name} is too short to be scored")
         log = self.log(trial)
-        answers: dict[str, float] = {} if trial.event_s is None else response(log, trial.event_s, trial.joint)
+        figures: dict[str, Any] = dict.fromkeys(ANSWERS)
+        if trial.event_s is not None:
+            figures |= response(log, trial.event_s, trial.joint)
         if trial.back_s is not None:
-            answers["recontact_s"] = recontact_s(log, trial.back_s)
-        metrics = measure(log).as_dict()
-        figures = {name: answers.get(name) for name in ANSWERS} | {name: metrics[name] for name in GAZES}
-        known = {name: value for name, value in figures.items() if value is not None and math.isfinite(value)}
-        return {"subject": log.run.subject, "group": log.run.group, **dict.fromkeys(FIGURES), **known}
+            figures["recontact_s"] = recontact_s(log, trial.back_s)
+        metrics = gz.measure(log).as_dict()
+        figures |= {name: metrics[name] for name in GAZES}
+        return {"subject": log.run.subject, "group": log.run.group, **without_nan(figures)}
 
-    def log(self, trial: Trial) -> Log:
+    def log(self, trial: Trial) -> gz.Log:
         """Run it."""
         believed = self.error.neck(self.neck)
         scene = Scene(
@@ -178,5 +177,5 @@ class RivalJob:
             return replay_scene(scene, self.rival, DEFAULT_PREDICTOR, ReplaySettings(walker=self.walker)).log
         return simulate(scene, self._make, self.error.latency_error_s)
 
-    def _make(self, neck: NeckSpec, camera: HeadCamera) -> Rival:
+    def _make(self, neck: gz.NeckSpec, camera: HeadCamera) -> Rival:
         return make_rival(self.rival, self.neck, neck, camera, **self.constants)

@@ -160,7 +160,7 @@ def _row(trial: str, runs: Sequence[Row], our_contact: Mapping[tuple[Any, ...], 
     row: Row = {**{name: first[name] for name in _LABELS}, "trial": trial, "constants": first["constants"]}
     people = [run["subject"] for run in runs]
     row |= {"n_clips": len(runs), "n_people": len(set(people))}
-    columns = {name: [math.nan if run[name] is None else run[name] for run in runs] for name in FIGURES}
+    columns = {name: [run[name] for run in runs] for name in FIGURES}
     columns[BEHIND] = [our_contact.get(_clip(run), math.nan) - run["eye_contact_2p6"] for run in runs]
     for name, values in columns.items():
         row |= with_interval(name, values, people)

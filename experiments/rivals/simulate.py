@@ -141,20 +141,16 @@ class Motor:
 
     def __init__(self, neck: NeckSpec, start_rad: FloatArray, clock_s: Callable[[], float], seed: int) -> None:
         self._neck, self._clock_s, self._takes_speeds = neck, clock_s, neck.takes_speeds
-        self._robot = SimulatedNeck(neck, start_rad, clock_s, seed)
-        self._robot.connect()
+        self.robot = SimulatedNeck(neck, start_rad, clock_s, seed)
+        self.robot.connect()
         self.sent = np.zeros(2) if self._takes_speeds else np.array(start_rad)
         self._wanted = self.sent.copy()
         self._sent_s: float | None = None
         self._changed_s = -np.inf
 
-    def true_state(self) -> JointState:
-        """True state of the joints."""
-        return self._robot.true_state()
-
     def reading(self) -> JointState:
         """Measured state of the joints."""
-        return self._robot.read_state() or self._robot.true_state()
+        return self.robot.read_state() or self.robot.true_state()
 
     def ask(self, command: FloatArray) -> None:
         """Take a rival's answer: angles or speeds, shape (2,); held until the next one."""
@@ -176,12 +172,12 @@ class Motor:
         if np.any(np.abs(sent - self.sent) > 1e-9):
             self._changed_s = now_s
         self.sent, self._sent_s = sent, now_s
-        self._robot.send_command(sent)
+        self.robot.send_command(sent)
 
     @property
     def idle(self) -> bool:
         """Whether the device is at rest without a pending move."""
-        state = self._robot.true_state()
+        state = self.robot.true_state()
         if np.any(np.abs(state.velocity_rad_s) > _STILL_RAD_S) or np.any(np.abs(self._wanted - self.sent) > 1e-9):
             return False
         if self._takes_speeds and np.any(self.sent != 0.0):
@@ -247,42 +243,38 @@ def simulate(scene: Scene, make_rival: MakeRival, latency_error_s: float = 0.0) 
     Raises:
         ValueError: If a rival answers what is not two finite numbers.
     """
-    camera = camera_of(scene.sensor)
-    rival = make_rival(scene.neck, replace(camera, latency_s=camera.latency_s + latency_error_s))
-    neck = driven_by(scene.robot_neck or scene.neck, rival.command)
-    sightings = deque(observe(scene.walk, scene.sensor, scene.seed))
-    start_rad = scene.first_angles_rad(sightings[0].observation.head_position_base_m)
-    start_rad = neck.command_limits.clip_position(start_rad)
-    run = _Run(scene, neck, camera, rival, start_rad)
-    per_row = max(round(RATE_HZ / neck.servo_rate_hz), 1)
-    rate_hz = per_row * neck.servo_rate_hz
-    for index in range(int(float(scene.walk.times_s[-1]) * rate_hz + 1e-6) + 1):
-        arrived = []
-        run.now_s = index / rate_hz
-        while sightings and sightings[0].arrival_s <= run.now_s + _SAME_TIME_S:
-            arrived.append(sightings.popleft())
-        run.tick(arrived, rate_hz, index % per_row == 0)
-    return run.log()
+    return _Run(scene, make_rival, latency_error_s).log()
 
 
 class _Run:
     """One rival in one scene, tick by tick."""
 
-    def __init__(self, scene: Scene, neck: NeckSpec, camera: HeadCamera, rival: Rival, start_rad: FloatArray) -> None:
-        self.now_s = 0.0
-        self._scene, self._neck, self._camera, self._rival = scene, neck, camera, rival
-        self._motor = Motor(neck, start_rad, lambda: self.now_s, scene.seed)
-        self._encoders = EncoderHistory()
+    def __init__(self, scene: Scene, make_rival: MakeRival, latency_error_s: float) -> None:
+        self._scene, self._camera = scene, camera_of(scene.sensor)
+        believed = replace(self._camera, latency_s=self._camera.latency_s + latency_error_s)
+        self._rival = make_rival(scene.neck, believed)
+        self._neck = neck = driven_by(scene.robot_neck or scene.neck, self._rival.command)
+        sightings = deque(observe(scene.walk, scene.sensor, scene.seed))
+        start_rad = scene.first_angles_rad(sightings[0].observation.head_position_base_m)
+        self.now_s, self._next_step_s = 0.0, -math.inf
+        self._motor = Motor(neck, neck.command_limits.clip_position(start_rad), lambda: self.now_s, scene.seed)
+        self._encoders, self._recorder = EncoderHistory(), LoopRecorder(neck.control_period_s)
         self._rng = np.random.default_rng([scene.seed, 0])
         self._joints: list[FloatArray] = []
         self._true_joints: list[JointState] = []
         self._waiting: list[Detection] = []
-        self._recorder = LoopRecorder(neck.control_period_s)
-        self._next_step_s = -math.inf
+        per_row = max(round(RATE_HZ / neck.servo_rate_hz), 1)
+        rate_hz = per_row * neck.servo_rate_hz
+        for index in range(int(float(scene.walk.times_s[-1]) * rate_hz + 1e-6) + 1):
+            arrived = []
+            self.now_s = index / rate_hz
+            while sightings and sightings[0].arrival_s <= self.now_s + _SAME_TIME_S:
+                arrived.append(sightings.popleft())
+            self._tick(arrived, rate_hz, index % per_row == 0)
 
-    def tick(self, arrived: list[Sighting], rate_hz: float, takes_row: bool) -> None:
+    def _tick(self, arrived: list[Sighting], rate_hz: float, takes_row: bool) -> None:
         """One step of the simulation: what arrived is shown at the rival's next step."""
-        state = self._motor.true_state()
+        state = self._motor.robot.true_state()
         self._joints.append(state.position_rad)
         self._encoders.note(self._motor.reading())
         for sighting in arrived:

@@ -7,9 +7,9 @@ import math
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, Field, ValidationError, create_model
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
 from experiments.engine.command import options_of, sensors_by_name
@@ -89,7 +89,7 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
     ):
         return value, f"{value!r} is not accepted; accepted: values of type {field.annotation}"
     try:
-        checked = _alone(name).model_validate({"value": value}).model_dump()["value"]
+        checked = _alone(name).dump_python(_alone(name).validate_python(value))
         if name == "neck":
             load_neck(checked)
         elif name == "sensor" and checked is not None:
@@ -137,11 +137,10 @@ def _leaves(model: type[BaseModel], prefix: str = "") -> dict[str, FieldInfo]:
 
 
 @lru_cache(maxsize=256)
-def _alone(name: str) -> type[BaseModel]:
+def _alone(name: str) -> TypeAdapter[Any]:
     # Sub-settings know their own constraints only inside their model; one field alone reports one error alone.
     field = setting_fields()[name]
-    kind: Any = field.annotation
-    return create_model("Alone", value=(kind, field))
+    return TypeAdapter(Annotated[field.annotation, field])  # type: ignore[arg-type]
 
 
 Values = Mapping[str, Any]

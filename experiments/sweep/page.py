@@ -81,7 +81,7 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
             entry: Row = {name: first[name] for name in ("case", "point", "controller", *plan.spec.varied())}
             entry |= {"group": group, "n_clips": len(chosen), "n_people": len(set(people))}
             for metric in tabulated(plan):
-                mean_low_high = bootstrap_mean([_number(row[metric]) for row in chosen], people)
+                mean_low_high = bootstrap_mean([row[metric] for row in chosen], people)
                 for name, value in zip((metric, f"{metric}_low", f"{metric}_high"), mean_low_high, strict=True):
                     entry[name] = value if math.isfinite(value) else None
             table.append(entry)
@@ -127,7 +127,7 @@ def objective_means(rows: Sequence[Row], objectives: Sequence[Objective]) -> lis
         The means; None if a run failed or a mean is not known.
     """
     used = [row for row in rows if not row["left_out"]]
-    values = np.array([[_number(row[o.metric]) for o in objectives] for row in used])
+    values = np.array([[row[o.metric] for o in objectives] for row in used], dtype=np.float64)
     if not used or any(row["failed"] for row in used) or not np.isfinite(values).all():
         return None
     return [float(value) for value in values.mean(axis=0)]
@@ -146,10 +146,6 @@ def _cell(value: Any) -> str:
     if value is None:
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
 
 
 # What makes a gaze: two lines that differ in one of these and not in their controller have one colour.

@@ -56,15 +56,12 @@ def read_walks(words: Sequence[str], reading: ReadOptions) -> tuple[tuple[Walk, 
     Returns:
         The walks, and what is wrong with the others, a line each.
     """
-    problems: list[str] = []
-    found: list[str] = []
-    for word in words:
-        try:
-            found += find_recordings([word])
-        except GazempcError as error:
-            problems += str(error).splitlines()
-    walks = []
-    for name in dict.fromkeys(found):
+    problems, walks, names = list[str](), [], list[str]()
+    try:
+        names = find_recordings(words)
+    except GazempcError as error:
+        problems = str(error).splitlines()
+    for name in names:
         try:
             recording = load(name, reading)
         except GazempcError as error:

@@ -1,8 +1,7 @@
 """The control laws of robots and cameras, and their table by name. May import experiments.rivals."""
 
-from experiments.rivals.laws.autoptz import AutoPtz
+from experiments.rivals.laws.cameras import AutoPtz, ObsFaceTracker, PixelPid
 from experiments.rivals.laws.frigate import Frigate
-from experiments.rivals.laws.pixel_pid import ObsFaceTracker, PixelPid
 from experiments.rivals.laws.reachy_mini import ConversationApp, ReachyMini, ReachyMiniCaptureRaw
 from experiments.rivals.laws.robots import Humotion, IKinGazeCtrl, Op3, Pr2PointHead
 from experiments.rivals.laws.smith import Smith, SmithFeedForward

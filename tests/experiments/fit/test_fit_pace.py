@@ -5,8 +5,7 @@ import pytest
 from builders.fits import FRAME_S, speeds, straight_walk
 
 from experiments.fit import pace
-from experiments.fit.pace import at_pace, prolong
-from experiments.fit.standing import vary_standing
+from experiments.fit.pace import at_pace, prolong, vary_standing
 from experiments.fit.variants import GaplessWalk
 
 

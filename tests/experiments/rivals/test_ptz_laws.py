@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
 
-from experiments.rivals.laws.autoptz import AutoPtz
-from experiments.rivals.laws.pixel_pid import ObsFaceTracker, PixelPid, visca_speed
+from experiments.rivals.laws.cameras import AutoPtz, ObsFaceTracker, PixelPid, visca_speed
 
 TOP = neck_with(velocity_max_rad_s=1.0)
 

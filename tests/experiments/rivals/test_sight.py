@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.rival_bench import CAMERA, offset_of
 
-from experiments.rivals.laws.autoptz import OneEuro
+from experiments.rivals.laws.cameras import OneEuro
 from experiments.rivals.rival import Detection, FrameRate, bearing_rad, point_base_m
 from gazempc.neck.kinematics import gaze_ray, look_at_rad
 from gazempc.neck.spec import load_neck
