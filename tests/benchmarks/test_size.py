@@ -8,13 +8,10 @@ from benchmarks.size import code_lines, table
 @pytest.mark.parametrize(
     ("source", "lines"),
     [
-        ("", 0),
-        ('"""Doc,\n\nof three lines."""\n', 0),
         ("# a comment\n\nx = 1  # another\n", 1),
         ('x = """a\nvalue\n"""\n', 3),
         ('def f(\n    a,\n):\n    """Doc."""\n    # why\n    return a\n', 4),
         ('class A:\n    """Doc."""\n\n    def f(self):\n        """Doc\n        of f."""\n', 2),
-        ("x = [\n\n    1,\n]\n", 3),
     ],
 )
 def test_code_lines(source, lines):

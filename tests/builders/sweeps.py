@@ -12,7 +12,7 @@ from gazempc.errors import SettingsError
 SMALL = {
     "name": "small",
     "recordings": ["subject01_R1", "subject02_R4"],
-    "base": {"controller": "lookahead"},
+    "base": {"controller": "lookahead", "predictor": "constant_velocity"},
     "vary": {"model.dead_time_scale": [0.5, 1], "lookahead.smoothing_time_s": [0, 0.1]},
 }
 

@@ -10,22 +10,28 @@ from experiments.compare import compare, main
 from experiments.engine.command import name_parts
 from experiments.engine.job import parts_hash
 
-pytestmark = pytest.mark.usefixtures("in_this_process")
+
+@pytest.mark.slow
+def test_a_worker_process_finds_a_part_of_ones_own_and_its_option(tmp_path, monkeypatch):
+    own = own_module(tmp_path, monkeypatch)
+    words = ["--recordings", "subject01_R4", "--controllers", f"{own}:Sluggish", "lookahead", "--jobs", "1"]
+    words += ["--predictors", "constant_velocity", "--options.share", "0.5", "--no-figures"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    sluggish, lookahead = rows_of(tmp_path / "out")
+    assert (sluggish["controller"], sluggish["failed"]) == ("sluggish", "")
+    assert float(sluggish["gaze_error_rms_deg"]) > 1.5 * float(lookahead["gaze_error_rms_deg"])
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_this_process")
 def test_parts_of_ones_own_are_compared_with_options_and_under_their_names(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     both = {"controllers": (f"{own}:Sluggish", "lookahead"), "predictors": (f"{own}:Steady", "constant_velocity")}
-    chosen = settings(tmp_path / "out", recordings=("subject01_R4",), **both, options={"share": 1.0}, figures=True)
+    chosen = settings(tmp_path / "out", recordings=("subject01_R4",), **both, options={"share": 1.0})
     rows = {(row["controller"], row["predictor"]): row for row in compare(**chosen)}
     assert set(rows) == {(c, p) for c in ("sluggish", "lookahead") for p in ("steady", "constant_velocity")}
     assert len({row["gaze_error_rms_deg"] for row in rows.values()}) == 1
     assert "| sluggish | steady |" in (tmp_path / "out" / "summary.md").read_text()
-    words = ["--recordings", "subject01_R4", "--controllers", f"{own}:Sluggish", "--jobs", "1", "--no-figures"]
-    assert main([*words, "--options.share", "0.5", "--out", str(tmp_path / "other")]) == 0
-    (other,) = rows_of(tmp_path / "other")
-    assert float(other["gaze_error_rms_deg"]) > 1.5 * rows["sluggish", "steady"]["gaze_error_rms_deg"]
 
 
 def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
@@ -40,6 +46,7 @@ def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
     assert first != runs(tmp_path, **{**chosen, "controllers": ("lookahead",)})[0][1].key()
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, capsys):
     fails = """
 

@@ -90,14 +90,8 @@ def test_one_person_has_no_interval_and_nan_does_not_count():
 
 
 def row(recording, controller, rms, subject="s", predictor="p", sensor="s", kind=None):
-    labels = {
-        "recording": recording,
-        "source": recording,
-        "data_kind": "synthetic",
-        "subject": subject,
-        "group": "turn",
-    }
-    chosen = {"controller": controller, "predictor": predictor, "neck": "n", "sensor": sensor, "kind": kind, "seed": 0}
+    labels = {"recording": recording, "source": recording, "subject": subject, "group": "turn", "kind": kind}
+    chosen = {"controller": controller, "predictor": predictor, "neck": "n", "sensor": sensor, "seed": 0}
     return labels | chosen | {"gaze_error_rms_deg": rms}
 
 

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,8 @@ def test_a_killed_workers_job_is_done_by_another(cluster, tmp_path):
 def test_a_signal_ends_the_command_and_cancels_its_jobs(cluster, tmp_path):
     log = tmp_path / "log"
     log.touch()
+    while len(cluster.scheduler.workers) < 2:  # one of them may just have been killed
+        time.sleep(0.05)
     command = [sys.executable, str(ROOT / "tests" / "tiny_jobs.py"), str(tmp_path / "runs"), str(log), "1", "2"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(

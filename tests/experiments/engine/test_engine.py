@@ -2,12 +2,9 @@
 
 import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from builders.in_process import workers_in_this_process
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Cache, Engine, read_result
@@ -45,28 +42,13 @@ def test_a_damaged_file_is_noticed_named_and_put_away(damage, tmp_path, capsys):
     path.write_bytes(damaged)
     with pytest.raises(GazempcError, match=re.escape(str(path))):
         read_result(path)
-    assert cache.find("key") is None
+    assert cache.find("key") is None  # so the job is done again
     assert str(path) in capsys.readouterr().err
     assert not path.exists()
-
-
-def test_the_result_of_another_job_is_refused(tmp_path):
-    cache = Cache(tmp_path)
     cache.keep("key", ROW)
-    cache.path("key").rename(cache.path("other"))
+    path.rename(cache.path("other"))
     with pytest.raises(GazempcError, match="another job"):
         read_result(cache.path("other"))
-
-
-def test_a_job_whose_result_is_damaged_is_done_again(tmp_path, capfd):
-    path = Cache(tmp_path).path(Tiny(1).key())
-    with workers_in_this_process(), Engine(tmp_path, jobs=1) as engine:
-        engine.run([Tiny(1), Tiny(2)])
-        path.write_text("{")
-    with workers_in_this_process(), Engine(tmp_path, jobs=1) as engine:
-        assert [row["square"] for row in engine.run([Tiny(1), Tiny(2)])] == [1, 4]
-    assert str(path) in capfd.readouterr().err
-    assert read_result(path)["square"] == 1
 
 
 def names(folder):
@@ -120,11 +102,3 @@ def test_another_program_or_file_in_the_worker_is_no_result():
     assert "is not the one that asks" in carry_out(job, job.key(), "0")["failed"]
     assert "not find the same files" in carry_out(job, "0", program_hash())["failed"]
     assert carry_out(job, job.key(), program_hash())["square"] == 4
-
-
-def test_importing_the_engine_for_a_worker_is_light():
-    """A worker imports what its jobs need, and nothing that only the command needs."""
-    heavy = {"matplotlib", "tyro", "scipy.stats", "casadi", "distributed", "joblib"}
-    code = f"import sys, experiments.engine.job; print(sorted({heavy!r} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

@@ -90,23 +90,23 @@ def test_workers_of_a_killed_command_end_by_themselves(tmp_path):
         process.communicate(timeout=HANG_S)
 
 
+STUBBORN = """
+import time
+from gazempc.command import run_interruptible
+def stubborn():
+    while True:
+        try:
+            print('ready', flush=True)
+            time.sleep(60)
+        except BaseException:
+            pass
+run_interruptible('stubborn', stubborn, grace_s=0.2)
+"""
+
+
 def test_a_command_that_hangs_after_a_signal_is_ended():
     """Code that swallows the interruption, as a library may, holds nothing up."""
-    code = (
-        "import time\n"
-        "from gazempc.command import run_interruptible\n"
-        "def stubborn():\n"
-        "    while True:\n"
-        "        try:\n"
-        "            print('ready', flush=True)\n"
-        "            time.sleep(60)\n"
-        "        except BaseException:\n"
-        "            pass\n"
-        "from gazempc import signals\n"
-        "signals._GRACE_S = 0.2\n"
-        "run_interruptible('stubborn', stubborn)\n"
-    )
-    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([sys.executable, "-c", STUBBORN], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=HANG_S) == 143

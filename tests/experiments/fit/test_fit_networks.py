@@ -134,13 +134,12 @@ def same_for_all(scale_m, v, share=0.0):
     return Spread(np.full((1, KNOTS, 3), np.log(scale_m)), *unhidden, np.full(KNOTS, share), v)
 
 
-@pytest.mark.parametrize("said", [0.07, 0.1, 0.16])
-@pytest.mark.parametrize("v", [4.0, 20.0])
+@pytest.mark.parametrize(("said", "v"), [(0.07, 4.0), (0.16, 20.0)])
 def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
     rng = np.random.default_rng(0)
-    u, error = np.ones((20000, 1)), t_errors(rng, 20000, 0.1, v)
+    u, error = np.ones((8000, 1)), t_errors(rng, 8000, 0.1, v)
     before = same_for_all(said, v)
-    found = calibrate(before, u, no_noise(20000), error, np.ones(20000))
-    np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.03)
+    found = calibrate(before, u, no_noise(8000), error, np.ones(8000))
+    np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.04)
     assert found.degrees_of_freedom == v
     np.testing.assert_array_equal(before.log_spread, np.log(said))

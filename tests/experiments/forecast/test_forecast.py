@@ -1,6 +1,8 @@
 """Forecast errors over recordings: known motions, places and smoothed truths give known errors."""
 
+import io
 import json
+from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
@@ -49,9 +51,9 @@ def test_perfect_has_no_error_and_constant_velocity_next_to_none_on_a_line():
     assert np.nanmax(np.abs(late)) < 0.002
 
 
-def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage(tmp_path):
+def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
     """Forecasts that are the truth plus noise of the stated covariance."""
-    walk = straight_walk(seconds=60.0)
+    walk = straight_walk(seconds=30.0)
     truth, rng = TrueHead(walk), np.random.default_rng(0)
     spread = np.diag([0.01, 0.04, 0.0025])
 
@@ -67,33 +69,72 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage(tmp_path):
             )
 
     nees = forecast_errors(walk, Honest(truth), load_sensor("perfect"), HORIZONS, 0).nees
-    assert np.nanmean(nees) == pytest.approx(3.0, rel=0.03)
+    assert np.nanmean(nees) == pytest.approx(3.0, rel=0.04)
     known = nees[np.isfinite(nees)]
-    assert np.mean(known <= 3.5059) == pytest.approx(0.68, abs=0.015)
-    assert np.mean(known <= 7.8147) == pytest.approx(0.95, abs=0.01)
+    assert np.mean(known <= 3.5059) == pytest.approx(0.68, abs=0.02)
+    assert np.mean(known <= 7.8147) == pytest.approx(0.95, abs=0.015)
 
 
-def test_the_command_writes_the_table(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
-    words = ["--recordings", "subject01_R1", "subject02_R4", "--out", str(tmp_path), "--horizons", "0.5"]
-    assert main([*words, "--predictors", "default", "last_position", "constant_velocity"]) == 0
-    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
+FAILS = """
+
+class Failing(Steady):
+    def forecast(self, times_s):
+        raise TypeError("no")
+"""
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory, in_this_process):
+    """Folder and output of the command: people who stand and walk, and a predictor that fails."""
+    folder, said = tmp_path_factory.mktemp("compared"), io.StringIO()
+    words = ["--recordings", "subject01_stand", "subject01_R1", "subject02_R4", "--horizons", "0.5", "--jobs", "1"]
+    words += ["--predictors", "default", "last_position", "constant_velocity"]
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+        own = own_module(folder, patch, "failing_parts", more=FAILS)
+        assert main([*words, f"{own}:Failing", "--out", str(folder / "out")]) == 4
+    return folder / "out", json.loads((folder / "out" / "summary.json").read_text()), said.getvalue()
+
+
+def test_the_command_writes_the_table(compared):
+    folder, summary, printed = compared
+    rows = [row for row in summary["rows"] if row["kind"] == "all"]
     assert all({"cues", "coverage_68", "nees", "update_us", "ratio_to_constant_velocity"} <= row.keys() for row in rows)
     assert {row["predictor"] for row in rows} == {"constant_velocity", "last_position", "walker"}
-    assert {row["group"] for row in rows} == {"straight", "turn", "all"}
-    everything = next(r for r in rows if r["group"] == "all" and r["predictor"] == "constant_velocity")
-    parts = [r for r in rows if r["group"] != "all" and r["predictor"] == "constant_velocity"]
+    assert [row["group"] for row in rows[:4]] == ["standing", "straight", "turn", "all"]
+    *parts, everything = (row for row in rows if row["predictor"] == "constant_velocity")
     assert everything["error_true_mm"] == pytest.approx(np.mean([r["error_true_mm"] for r in parts]))
     assert everything["n_frames"] == sum(r["n_frames"] for r in parts)
-    assert "constant_velocity" in capsys.readouterr().out
-    report = BeautifulSoup((tmp_path / "report.html").read_text(encoding="utf-8"), "html.parser")
+    assert "constant_velocity" in printed
+    report = BeautifulSoup((folder / "report.html").read_text(encoding="utf-8"), "html.parser")
     assert f"constant_velocity {everything['error_true_mm']:.0f} mm" in report.find(class_="answer").text
     over_horizon, by_clip = (json.loads(d.text) for d in report.find_all("script", type="application/json"))
     errors = {curve["label"]: curve["ys"] for curve in over_horizon["curves"]}
     assert errors["constant_velocity"] == [pytest.approx(everything["error_true_mm"], rel=1e-4)]
     of_clips = {curve["label"]: curve for curve in by_clip["curves"]}["constant_velocity"]
     assert of_clips["xs"] == pytest.approx(sorted(r["error_true_mm"] for r in parts), rel=1e-4)
-    assert sorted(of_clips["names"]) == ["subject01_R1", "subject02_R4"]
+    assert sorted(of_clips["names"]) == ["subject01_R1", "subject01_stand", "subject02_R4"]
+
+
+def test_people_who_stand_are_compared_with_the_last_position_too(compared):
+    folder, summary, _ = compared
+    error_mm = {(r["predictor"], r["group"], r["kind"]): r["error_true_mm"] for r in summary["rows"]}
+    lines = [line.split(" | ") for line in (folder / "summary.md").read_text().splitlines() if line.startswith("| ")]
+    at = lines[0].index("ratio to last_position")
+    of_cv = {line[2]: line[at] for line in lines if line[0] == "| constant_velocity" and line[3] == "all"}
+    last_mm = error_mm["last_position", "standing", "all"]
+    assert float(of_cv["standing"]) == pytest.approx(
+        error_mm["constant_velocity", "standing", "all"] / last_mm, abs=0.005
+    )
+    assert of_cv["straight"] == "-"
+
+
+def test_a_predictor_that_fails_is_named_with_the_recordings(compared):
+    _, summary, printed = compared
+    own = "failing_parts:Failing"
+    assert f"failed: {own} on subject01_R1: predictor steady: " in printed
+    recordings = ("subject01_stand", "subject01_R1", "subject02_R4")
+    assert [(f["recording"], f["predictor"]) for f in summary["failed"]] == [(name, own) for name in recordings]
+    assert all("no" in f["failed"] for f in summary["failed"])
 
 
 def test_hidden_cues_are_not_seen():
@@ -107,28 +148,6 @@ def test_hidden_cues_are_not_seen():
     assert not np.array_equal(forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0).difference_m, plain.difference_m)
 
 
-def test_people_who_stand_are_compared_with_the_last_position_too(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.forecast.command._draw", lambda *_: [])
-    shown = ["--predictors", "constant_velocity", "last_position", "--horizons", "0.5", "--jobs", "1"]
-    people = ["--recordings", "subject01_stand", "subject02_gesture", "subject01_R1"]
-    assert main([*people, *shown, "--out", str(tmp_path)]) == 0
-    rows = json.loads((tmp_path / "summary.json").read_text())["rows"]
-    assert [r["group"] for r in rows[:5] if r["kind"] == "all"] == ["standing", "straight", "all"]
-    error_mm = {(r["predictor"], r["group"], r["kind"]): r["error_true_mm"] for r in rows}
-    for r in rows:
-        for name in ("constant_velocity", "last_position"):
-            own = r["error_true_mm"] / error_mm[name, r["group"], r["kind"]]
-            assert r[f"ratio_to_{name}"] == pytest.approx(own)
-    lines = [line.split(" | ") for line in (tmp_path / "summary.md").read_text().splitlines() if line.startswith("| ")]
-    at = lines[0].index("ratio to last_position")
-    of_cv = {line[2]: line[at] for line in lines if line[0] == "| constant_velocity" and line[3] == "all"}
-    assert float(of_cv["standing"]) == pytest.approx(
-        error_mm["constant_velocity", "standing", "all"] / error_mm["last_position", "standing", "all"], abs=0.005
-    )
-    assert float(of_cv["standing"]) > 1.0
-    assert of_cv["straight"] == "-"
-
-
 def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name(tmp_path, monkeypatch):
     """With the settings of `constant_velocity` it errs as that does; with others it does not."""
     own = own_module(tmp_path, monkeypatch)
@@ -139,22 +158,6 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
     _, other = forecast(**words, options={"psd": 0.5}, out=tmp_path / "out")
     assert not np.array_equal(plain["difference_m"], other["difference_m"])
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
-
-
-def test_a_predictor_that_fails_is_named_with_the_recordings(tmp_path, monkeypatch, capsys):
-    fails = "\n\nclass Failing(Steady):\n    def forecast(self, times_s):\n        raise TypeError('no')\n"
-    own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
-    words = ["--recordings", "subject01_R1", "subject01_R4", "--predictors", f"{own}:Failing", "last_position"]
-    assert main([*words, "--jobs", "1", "--out", str(tmp_path / "out")]) == 4
-    assert f"failed: {own}:Failing on subject01_R1: predictor steady: " in capsys.readouterr().out
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert {(f["recording"], f["predictor"]) for f in summary["failed"]} == {
-        (name, f"{own}:Failing") for name in ("subject01_R1", "subject01_R4")
-    }
-    assert all("no" in f["failed"] for f in summary["failed"])
-    assert {(row["predictor"], row["group"]) for row in summary["rows"]} == {
-        ("last_position", group) for group in ("straight", "turn", "all")
-    }
 
 
 def elsewhere():
@@ -234,9 +237,6 @@ def test_smoothed_truth_scores_what_the_track_hides(tmp_path):
     np.testing.assert_allclose(np.abs(off_mm), 20.0, atol=0.5)
     _, raw_mm = across_mm(sensors=["perfect"])
     assert set(np.round(np.abs(raw_mm))) == {40.0}
-    sensor, off_mm = across_mm(truth_smoothing=0.16, sensors=["perfect"])
-    assert sensor == "perfect"
-    np.testing.assert_allclose(np.abs(off_mm), 20.0, atol=0.5)
 
 
 def test_a_walk_that_comes_too_near_is_left_out_where_the_place_matters(tmp_path, capsys):

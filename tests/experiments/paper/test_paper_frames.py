@@ -111,16 +111,7 @@ def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
     kalman = ConstantVelocity(0.01**2 / 30 / TUNED_TIME_S**4, 0.01, gated=False)
     states = {}
     for i in np.flatnonzero(valid):
-        kalman.update(make_observation(i))
+        kalman.update(HeadObservation(i / 30, line_m()[i]))
         states[i] = kalman.state()[1]
     expected = [states[i][:3] + 0.5 * states[i][3:] - states[i + 15][:3] for i in scored]
     np.testing.assert_allclose(video.base_m, expected, atol=1e-6)
-
-
-def rotation(angle_deg):
-    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-
-
-def make_observation(i):
-    return HeadObservation(i / 30, line_m()[i])

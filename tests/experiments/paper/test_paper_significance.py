@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.stats import norm, wilcoxon
+from scipy.stats import norm
 
 from experiments.paper.frames import Frames
 from experiments.paper.validation import (
@@ -39,7 +39,7 @@ def swapped(judged):
     return [dataclasses.replace(j, baseline_mm=j.proposed_mm, proposed_mm=j.baseline_mm) for j in judged]
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10_000))
 def test_the_test_over_frames_is_the_rank_sum_by_hand(seed):
     rng = np.random.default_rng(seed)
@@ -66,8 +66,6 @@ def test_the_test_over_frames_is_the_rank_sum_by_hand(seed):
     assert test["p_value"] == pytest.approx(p_value, rel=1e-9)
     thinned = [np.concatenate([(j.baseline_mm - j.proposed_mm)[first::15] for j in judged]) for first in range(15)]
     assert test["p_value_thinned"] == pytest.approx(np.median([by_hand(few)[2] for few in thinned]), rel=1e-9)
-    library = wilcoxon(baseline, proposed, zero_method="wilcox", alternative="greater", method="approx")
-    assert (test["statistic"], test["p_value"]) == (library.statistic, library.pvalue)
 
 
 def enumerated(gains):
@@ -83,7 +81,7 @@ def enumerated(gains):
     return statistic, better, worse, min(1.0, 2 * min(better, worse))
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(
     gains=st.lists(st.floats(-50, 50).filter(lambda g: abs(g) > 0.01), min_size=2, max_size=8), seed=st.integers(0, 99)
 )
@@ -102,22 +100,14 @@ def test_the_test_over_people_is_exact(gains, seed):
     assert test["difference_mm"] == pytest.approx(-np.mean(gains), abs=1e-9)
     total = len(gains) * (len(gains) + 1) / 2
     assert test["effect"] == pytest.approx((2 * statistic - total) / total)
+    if len(gains) >= 5:
+        low, high = test["difference_ci95_mm"]
+        assert low <= test["difference_mm"] <= high
+        assert -1 <= test["effect_ci95"][0] <= test["effect_ci95"][1] <= 1
     other = person_test(swapped(judged))
     assert other["effect"] == pytest.approx(-test["effect"])
     assert other["difference_mm"] == pytest.approx(-test["difference_mm"])
     assert (other["p_better"], other["p_worse"]) == pytest.approx((test["p_worse"], test["p_better"]))
-
-
-@settings(max_examples=6)
-@given(gains=st.lists(st.floats(-50, 50), min_size=5, max_size=10))
-def test_intervals_contain_the_mean(gains):
-    assume(np.ptp(gains) > 1e-3)
-    assume(np.ptp(np.abs(gains)) > 1e-3)
-    judged = judged_of(gains)
-    test = person_test(judged)
-    low, high = test["difference_ci95_mm"]
-    assert low <= test["difference_mm"] <= high
-    assert -1 <= test["effect_ci95"][0] <= test["effect_ci95"][1] <= 1
 
 
 def video(base_m, turn_m, subject="a", group="R12", name="v"):
@@ -136,7 +126,7 @@ def random_videos(seed, count=3, size=40):
     return videos
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10_000))
 def test_the_exact_weight_is_the_least_on_a_fine_grid(seed):
     videos = random_videos(seed, count=1)
@@ -158,7 +148,7 @@ def test_who_is_judged_is_not_tuned_on():
         video(0 * turn, turn, "b", "R34", name="b1"),
         video(-10 * turn, 10 * turn, "c", "R34", name="c2"),
     ]
-    judged = leave_one_subject_out(videos, 0, 30)
+    judged = leave_one_subject_out(videos, 0, 15)
     assert [(j.recording, j.subject, j.group) for j in judged] == [(v.recording, v.subject, v.group) for v in videos]
     weights = {j.recording: j.weight for j in judged}
     assert weights["c1"] == weights["c2"] < 0.1
@@ -166,8 +156,6 @@ def test_who_is_judged_is_not_tuned_on():
     for j, v in zip(judged, videos, strict=True):
         np.testing.assert_array_equal(j.baseline_mm, v.error_mm(0.0))
         np.testing.assert_allclose(j.proposed_mm, 1e3 * np.abs(v.base_m + j.weight * v.turn_m)[:, 0])
-    shuffled = {j.recording: j.weight for j in leave_one_subject_out(videos, 0, 30)}
-    assert shuffled == weights
 
 
 def test_one_subject_cannot_be_left_out():

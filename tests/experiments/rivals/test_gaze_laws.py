@@ -48,7 +48,7 @@ def test_ikingazectrl_is_late_on_a_ramp_by_0_564_of_its_time():
     assert course.lag_s(20.0, 1.0) == pytest.approx(0.564 * 0.75, abs=0.01)
 
 
-@pytest.mark.parametrize(("way_deg", "time_s"), [(5.0, 0.48), (10.0, 0.81), (20.0, 1.26), (40.0, 1.73)])
+@pytest.mark.parametrize(("way_deg", "time_s"), [(5.0, 0.48), (40.0, 1.73)])
 def test_the_limits_of_humotion_are_those_of_its_times(way_deg, time_s):
     """A time-optimal motion that never reaches its top speed takes 2 sqrt(way / acceleration)."""
     speed, acceleration = np.rad2deg(limits_for(np.deg2rad([way_deg, way_deg])))

@@ -11,8 +11,7 @@ from experiments.rivals.laws.reachy_mini import (
     ReachyMini,
     ReachyMiniCaptureRaw,
 )
-from experiments.rivals.rival import Detection, View
-from gazempc.types import JointState
+from experiments.rivals.rival import Detection
 
 
 def face(offset=(0.0, 0.0), capture_s=0.0):
@@ -31,22 +30,6 @@ def test_a_still_target_is_eased_to_with_a_time_constant_of_0_123_s():
     expected = np.where(since_s >= -1e-6, 20.0 * (1.0 - 0.85**steps), 0.0)
     np.testing.assert_allclose(np.rad2deg(course.command[:, 0]), expected, atol=1e-6)
     assert -0.02 / np.log(0.85) == pytest.approx(0.123, abs=5e-4)
-
-
-def view_of_a_moved_head(detections, time_s):
-    """The head was at 10 deg when the frame was captured, and is at 25 deg."""
-    joints = JointState(time_s, np.deg2rad([25.0, 0.0]), np.zeros(2))
-    return View(time_s, detections, joints, lambda t: np.deg2rad([10.0, 0.0]), idle=False)
-
-
-@pytest.mark.parametrize(("law", "target_deg"), [(ReachyMini, 30.0), (ReachyMiniCaptureRaw, 15.0)])
-def test_the_target_is_made_with_the_pose_at_arrival_or_at_capture(law, target_deg):
-    five_deg_left = face((-np.tan(np.deg2rad(5.0)), 0.0))
-    law = law(NECK, CAMERA)
-    law.start(view_of_a_moved_head((), 0.1))
-    for k in range(80):
-        command = law.step(view_of_a_moved_head((five_deg_left,) if k == 0 else (), 0.1 + 0.02 * k))
-    np.testing.assert_allclose(np.rad2deg(command), [target_deg, 0.0], atol=0.01)
 
 
 # Of the target at a step: frames of 0.1 s, five steps each; of the ease; sent a step later; held for a step.
@@ -71,9 +54,8 @@ def test_a_head_that_runs_ahead_overshoots_more_the_older_its_frames():
     assert overshoot_deg(ReachyMiniCaptureRaw, 0.2) < 0.01
 
 
-@pytest.mark.parametrize("law", [ReachyMini, ReachyMiniCaptureRaw])
-def test_two_seconds_after_the_last_face_it_looks_straight_ahead(law):
-    course = run(law(NECK, CAMERA), standing(20.0), 5.0, seen=lambda t: t < 1.0)
+def test_two_seconds_after_the_last_face_it_looks_straight_ahead():
+    course = run(ReachyMini(NECK, CAMERA), standing(20.0), 5.0, seen=lambda t: t < 1.0)
     held = (course.time_s > 2.0) & (course.time_s < 2.9)
     assert np.ptp(course.head_deg[held, 0]) < 0.1
     np.testing.assert_allclose(course.head_deg[-1], 0.0, atol=0.05)
@@ -95,16 +77,6 @@ def test_a_face_that_jumps_is_ignored_until_the_last_one_is_forgotten():
     assert taken == [True, False, True, False, True]
 
 
-@pytest.mark.parametrize("person_deg", [20.0, -7.0])
-def test_the_conversation_app_comes_to_0_6_of_the_way(person_deg):
-    course = run(ConversationApp(NECK, CAMERA), standing(person_deg), 3.0, Plant(0.03, 0.09))
-    assert course.head_deg[-1, 0] == pytest.approx(0.6 * person_deg, abs=0.01)
-
-
-def test_the_app_returns_in_a_second_after_two():
-    course = run(ConversationApp(NECK, CAMERA), standing(20.0), 8.0, seen=lambda t: t < 4.0)
-    # The app looks at every second frame; that of 3.93 or 3.97 s is its last, 0.1 s later.
-    at_deg = np.interp([5.9, 6.55, 7.2], course.time_s, course.head_deg[:, 0])
-    assert at_deg[0] == pytest.approx(12.0, abs=0.01)
-    assert 4.0 < at_deg[1] < 8.0
-    assert at_deg[2] == 0.0
+def test_the_conversation_app_comes_to_0_6_of_the_way():
+    course = run(ConversationApp(NECK, CAMERA), standing(-7.0), 2.0, Plant(0.03, 0.09))
+    assert course.head_deg[-1, 0] == pytest.approx(0.6 * -7.0, abs=0.01)

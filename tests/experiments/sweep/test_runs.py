@@ -4,21 +4,27 @@ import json
 
 import numpy as np
 import pytest
-from bs4 import BeautifulSoup
 from builders.own_parts import own_module
-from builders.sweeps import SMALL, table_of, words, written
+from builders.sweeps import SMALL, table_of, written
 
 from experiments.sweep.plan import load_plan
-from experiments.sweep.sweep import SweepSettings, main, run_sweep, sweep
+from experiments.sweep.sweep import SweepSettings, run_sweep, sweep
 
 pytestmark = [pytest.mark.usefixtures("in_this_process"), pytest.mark.slow]
+
+
+FIGURES = {
+    "response": [["model.dead_time_scale", "gaze_error_rms_deg", "lookahead.smoothing_time_s"]],
+    "pareto": ["rms_acceleration_rad_s2", "eye_contact_2p6", "case"],
+}
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory, in_this_process):
     """A small sweep done in one go."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    assert sweep(SweepSettings(sweep=str(written(folder, SMALL)), jobs=2, out=folder / "out", figures=False)) == 0
+    path = written(folder, SMALL | {"figures": FIGURES})
+    assert sweep(SweepSettings(sweep=str(path), jobs=2, out=folder / "out")) == 0
     return folder
 
 
@@ -40,51 +46,20 @@ def test_tables_and_known_effects(undisturbed):
     assert float(overall[0.5, 0]["gaze_error_rms_deg"]) > 1.3 * float(overall[1, 0]["gaze_error_rms_deg"])
     assert float(overall[1, 0.1]["rms_acceleration_rad_s2"]) < 0.9 * float(overall[1, 0]["rms_acceleration_rad_s2"])
     assert {p["point"] for p in summary["pareto"]["small"]} <= {0, 1, 2, 3}
-
-
-def test_the_report_has_the_means_and_the_front(undisturbed):
-    report = BeautifulSoup((undisturbed / "out" / "report.html").read_text(encoding="utf-8"), "html.parser")
-    summary = json.loads((undisturbed / "out" / "summary.json").read_text())
-    columns = [cell.text for cell in report.table.thead.find_all("th")]
-    lines = [[cell.text for cell in row.find_all(["th", "td"])] for row in report.table.tbody.find_all("tr")]
-    shown = [float(dict(zip(columns, line, strict=True))["gaze error RMS (deg)"]) for line in lines]
-    means = [row["gaze_error_rms_deg"] for row in summary["rows"] if row["group"] == "all"]
-    assert shown == pytest.approx(means, rel=1e-3)
-    (curve,) = json.loads(report.find("script", type="application/json").text)["curves"]
-    front = {(p["rms_acceleration_rad_s2"], p["eye_contact_2p6"]) for p in summary["pareto"]["small"]}
-    found = {*zip(curve["xs"], curve["ys"], strict=True)}
-    assert sorted(found) == [pytest.approx(point, rel=1e-4) for point in sorted(front)]
-    assert report.find(class_="command").text.startswith("experiments.sweep.sweep.sweep(SweepSettings(")
-
-
-def test_a_failed_run_is_a_row_with_its_reason(tmp_path):
-    # The sensor of body tracking has nothing to replay on a synthetic walk without it; out of range sees nobody.
-    content = SMALL | {"vary": {"sensor.range_max_m": [0.1, 10]}, "recordings": ["subject01_R1"]}
-    assert main(words(tmp_path, content)) == 4
-    rows = table_of(tmp_path)
-    assert "never sees the person" in rows[0]["failed"]
-    assert not rows[1]["failed"]
-
-
-def test_figures_are_drawn(undisturbed, tmp_path):
-    figures = {
-        "response": [["model.dead_time_scale", "gaze_error_rms_deg", "lookahead.smoothing_time_s"]],
-        "pareto": ["rms_acceleration_rad_s2", "eye_contact_2p6", "case"],
-    }
-    path = written(tmp_path, SMALL | {"figures": figures})
-    before = set((undisturbed / "out" / "runs").iterdir())
-    assert sweep(SweepSettings(sweep=str(path), jobs=1, out=undisturbed / "out")) == 0
-    assert set((undisturbed / "out" / "runs").iterdir()) == before
-    assert {p.name for p in (undisturbed / "out").glob("*.png")} == {
+    assert {path.name for path in (undisturbed / "out").glob("*.png")} == {
         "response_model-dead_time_scale_gaze_error_rms_deg.png",
         "pareto_rms_acceleration_rad_s2_eye_contact_2p6.png",
     }
+    report = (undisturbed / "out" / "report.html").read_text(encoding="utf-8")
+    assert all(f"{row['gaze_error_rms_deg']:.4g}" in report for row in summary["rows"] if row["group"] == "all")
+    assert "experiments.sweep.sweep.sweep(SweepSettings(" in report
 
 
 def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     vary = {"controller": [f"{own}:Sluggish", "lookahead"], "options.share": [0.5, 1.0]}
-    plan = load_plan(written(tmp_path, SMALL | {"recordings": ["subject01_R1"], "base": {}, "vary": vary}))
+    base = {"predictor": "constant_velocity"}
+    plan = load_plan(written(tmp_path, SMALL | {"recordings": ["subject01_R1"], "base": base, "vary": vary}))
     rows = run_sweep(plan, tmp_path / "out")
     assert [row["failed"] for row in rows] == [None] * 4
     assert [row["controller"] for row in rows] == ["sluggish", "sluggish", "lookahead", "lookahead"]
