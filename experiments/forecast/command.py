@@ -47,6 +47,7 @@ class ForecastSettings(PredictorSettings, ChoiceSettings):
     )
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
     out: Path = Field(default=Path("out/forecast"), description="Where to write; an interrupted run goes on there")
+    figures: bool = Field(default=True, description="Draw figures")
 
 
 def forecast(**settings: Any) -> list[Row]:
@@ -79,12 +80,12 @@ def _run(settings: ForecastSettings, command: str) -> int:
         "left_out": list(left_out.values()),
         "failed": [_of(row, _FAILED) for row in found if row["failed"]],
         "scored": f"frames from {RUN_IN_S} s after the first one whose horizon ends within the recording",
-        "settings": settings.saved(),
+        "settings": settings.saved("figures"),
         "versions": versions(),
     }
-    pictures = _draw(settings, rows, data_kinds)
+    pictures = _draw(settings, rows, data_kinds) if settings.figures else []
     print(write_results(forecast_page(summary, results, pictures, command), settings.out, summary))
-    drawn = " and figures" if rows else ""
+    drawn = " and figures" if pictures else ""
     print(f"Written to {settings.out}/: report.html, summary.json, summary.md{drawn}")
     return exit_status(False, bool(summary["failed"]))
 

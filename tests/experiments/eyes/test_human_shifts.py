@@ -19,13 +19,11 @@ def test_head_and_eyes_share_a_shift_as_people_do(direction, amplitude_deg, shar
     assert shift.lead_s == pytest.approx(0.34, abs=0.09)
 
 
-@pytest.mark.parametrize("controller", ["lookahead", "mpc"])
-def test_a_shift_sideways_is_scaled_to_the_motors_and_stands_beside_that_of_people(controller):
+def test_a_shift_sideways_is_scaled_to_the_motors_and_stands_beside_that_of_people():
     """4.39 times the head's amplitude and 106 deg/s more, by the share that the motors bear."""
-    shift, scale = make_shift(HUMAN, controller, "sideways", 40), motor_scale(EYES.pan)
+    shift, scale = make_shift(HUMAN, "mpc", "sideways", 40), motor_scale(EYES.pan)
     assert shift.head_share == pytest.approx(0.69, abs=0.01)
-    if controller == "mpc":
-        assert shift.head_peak_deg_s == pytest.approx(scale * (4.39 * 0.69 * 40 + 106.0), rel=0.1)
+    assert shift.head_peak_deg_s == pytest.approx(scale * (4.39 * 0.69 * 40 + 106.0), rel=0.1)
     (row,) = (line for line in table([shift], scale).splitlines() if line.startswith("| sideways 40"))
     assert " 69 (69) " in row
     assert "(50) *" in row

@@ -45,7 +45,7 @@ def test_with_capture_times_the_head_is_late_by_delay_ease_and_motor():
 def test_a_head_that_runs_ahead_overshoots_more_the_older_its_frames():
     def overshoot_deg(law, latency_s, **constants):
         seen_by = camera(latency_s=latency_s)
-        course = run(law(NECK, seen_by, **constants), standing(25.0), 5.0, Plant(0.03, 0.09), seen_by)
+        course = run(law(NECK, seen_by, **constants), standing(25.0), 3.0, Plant(0.03, 0.09), seen_by)
         return course.head_deg[:, 0].max() - 25.0
 
     late = [overshoot_deg(ReachyMini, latency_s, filtered=False) for latency_s in (0.1, 0.2)]

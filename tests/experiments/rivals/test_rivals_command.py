@@ -1,12 +1,15 @@
-"""The command, its rows and the wrong models."""
+"""The command, its rows, the wrong models, and rivals as the trials make them."""
 
+import inspect
 import itertools
 import json
 
 import pytest
+from builders.rival_bench import CAMERA
 
 from experiments.rivals.comparison import main
-from experiments.rivals.jobs import FIGURES, ModelError, RivalJob
+from experiments.rivals.jobs import FIGURES, ModelError, RivalJob, calibrate
+from experiments.rivals.laws import RIVALS
 from experiments.rivals.plan import ERRORS, at_their_best, by_error, labelled, summarise, wrong_jobs
 from experiments.rivals.simulate import driven_by, on_the_head
 from experiments.rivals.trials import make_trial
@@ -120,12 +123,27 @@ def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:
     believed = error.neck(REFERENCE)
     assert believed.pan.dead_time_s == pytest.approx(1.3 * REFERENCE.pan.dead_time_s)
     assert believed.tilt.natural_frequency_rad_s == pytest.approx(0.8 * REFERENCE.tilt.natural_frequency_rad_s)
-    trial = make_trial("step", None)
-    right, wrong = (
-        RivalJob("smith", trial.name, None, REFERENCE, SENSOR, error=e).log(trial) for e in (ModelError(), error)
-    )
+    log = RivalJob("smith", "step", None, REFERENCE, SENSOR, error=error).log(make_trial("step", None))
     # The log has the true neck, with the command of the law.
-    assert (wrong.neck, right.neck) == (driven_by(REFERENCE, "position"),) * 2
+    assert log.neck == driven_by(REFERENCE, "position")
     # Who believes in a longer latency takes each frame for an older one.
-    assert wrong.capture_time_s[0] == pytest.approx(right.capture_time_s[0] - 0.05)
-    assert wrong.arrival_time_s[0] == pytest.approx(right.arrival_time_s[0], abs=1e-9)
+    assert log.capture_time_s[0] == pytest.approx(-0.05, abs=1e-9)
+
+
+def test_the_calibration_finds_the_top_speed_of_a_neck():
+    """Half the field of view takes its angle over the top speed; large moves come to rest later than small ones."""
+    neck = load_neck("reachy_mini")
+    found = calibrate(neck, CAMERA)
+    least_s = CAMERA.half_width_rad / neck.pan.velocity_max_rad_s
+    assert least_s < found.slope_s < 1.6 * least_s
+    assert neck.pan.dead_time_s < found.offset_s < 0.6
+    assert found.zero_move_s < 0.05
+
+
+@pytest.mark.parametrize("law", [law for law in RIVALS.values() if law.free != ({},)])
+def test_free_constants_are_keywords_and_the_default_is_tried(law):
+    parameters = inspect.signature(law).parameters
+    own = {name: parameters[name].default for name in law.free[0]}
+    assert own in law.free
+    assert all(constants.keys() == own.keys() for constants in law.free)
+    assert len({tuple(constants.items()) for constants in law.free}) == len(law.free)

@@ -1,14 +1,18 @@
-"""Who stands where in the trials, and when they are seen."""
+"""Who stands where in the trials, when they are seen, and which people take part."""
 
 import numpy as np
 import pytest
 
+from experiments.rivals.comparison import STANDING
+from experiments.rivals.plan import make_jobs
+from experiments.rivals.simulate import on_the_head
 from experiments.rivals.trials import LOSS_S, SIT, STAND, make_trial, takes
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import look_at_rad
-from gazempc.neck.spec import Geometry
+from gazempc.neck.spec import Geometry, load_neck
 from gazempc.recordings.recording import Labels
 from gazempc.recordings.truth import TrueHead
+from gazempc.sim.sensor import load_sensor
 
 WALK = "subject01_R1"
 
@@ -84,3 +88,25 @@ def test_the_face_is_lost_for_a_second_and_the_person_comes_to_stand() -> None:
 def test_a_walk_that_comes_too_near_is_left_out() -> None:
     with pytest.raises(LeftOutError, match="comes within"):
         make_trial("pass_1.0m", "subject01_R4")
+
+
+NECK, SENSOR = load_neck("reachy_mini"), on_the_head(load_sensor("face_camera"))
+
+
+def jobs_with(standing, trials=(STAND, SIT)):
+    return [(job.trial, job.recording) for job in make_jobs(["mpc"], [], [NECK], [SENSOR], 0, trials, standing)]
+
+
+def test_the_label_of_the_kind_tells_who_sits(tmp_path):
+    times_s = np.arange(0.0, 3.0, 0.04)
+    sway_m = 0.01 * np.sin(times_s)
+    for name in ("anna", "bert"):
+        rows = np.stack([times_s, 2.0 + sway_m, sway_m, 1.5 + 0.0 * times_s], axis=1)
+        np.savetxt(tmp_path / f"{name}.csv", rows, "%.4f", ",", header="t,head_x,head_y,head_z", comments="")
+    (tmp_path / "index.csv").write_text("clip,subject,group,kind\nanna,anna,standing,sitting\nbert,bert,standing,\n")
+    anna, bert = (str(tmp_path / f"{name}.csv") for name in ("anna", "bert"))
+    assert jobs_with([anna, bert]) == [(STAND, bert), (SIT, anna)]
+
+
+def test_without_the_option_synthetic_people_stand():
+    assert jobs_with(STANDING) == [(STAND, name) for name in STANDING]
