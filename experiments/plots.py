@@ -113,7 +113,8 @@ def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
     look = series_look(index)
     # Categories stand side by side, so that intervals do not hide one another.
     x = line.x + (0.12 * (index - (len(plot.lines) - 1) / 2) if plot.ticks else 0.0)
-    style, marker = "" if plot.ticks else look.line, "" if line.ends is None and line.beside is None else look.marker
+    style = "" if plot.ticks or len(line.x) == 1 else look.line
+    marker = "" if line.ends is None and line.beside is None else look.marker
     ax.plot(x, line.y, ls=style, marker=marker, ms=4, color=line.colour, label=line.label)
     if line.beside is not None:
         ax.plot(*line.beside.T, ls="", marker=look.marker, ms=4, color=line.colour, alpha=0.35)
