@@ -20,10 +20,9 @@ from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.plots import draw
 from experiments.rivals import plan
-from experiments.rivals.jobs import NAMES, RivalJob
+from experiments.rivals.jobs import NAMES, RivalJob, check_names
 from experiments.rivals.simulate import on_the_head
 from experiments.rivals.trials import TRIALS, TURNS
-from gazempc.errors import SettingsError, suggest
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import load_neck
 from gazempc.results.page.content import PageTable
@@ -82,10 +81,8 @@ def rivals(**settings: Any) -> list[Row]:
 
 
 def _jobs(settings: RivalsSettings) -> list[RivalJob]:
-    for words, known, what in ((settings.rivals, NAMES, "rival"), (settings.trials, TRIALS, "trial")):
-        for word in words:
-            if word not in known:
-                raise SettingsError(f"no {what} {word!r}; {suggest(word, known)}; accepted: {', '.join(known)}")
+    check_names("rival", settings.rivals, NAMES)
+    check_names("trial", settings.trials, tuple(TRIALS))
     necks = [load_neck(name) for name in settings.necks]
     sensors = [on_the_head(load_sensor(name)) for name in settings.sensors]
     check_fitted(settings.walker)

@@ -27,7 +27,8 @@ from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.pages import markdown, with_ends
 from experiments.plots import Plot, draw, points
-from experiments.rivals.jobs import RivalJob
+from experiments.rivals.jobs import RivalJob, check_names
+from experiments.rivals.laws import RIVALS
 from experiments.rivals.simulate import simulate
 from experiments.rivals.trials import STAND, STOP, Trial, make_trial
 from gazempc.files.whole import write_whole
@@ -139,6 +140,8 @@ class FramingJob(RivalJob):
 
 
 def _jobs(settings: FramingSettings) -> list[FramingJob]:
+    check_names("law", settings.laws, (*RIVALS, POINT, OURS))
+    check_names("device", settings.devices, tuple(DEVICES))
     people = [(STOP, in_place(name)) for name in find_recordings(settings.recordings)]
     people += [(STAND, in_place(name)) for name in find_recordings(settings.standing)] if settings.standing else []
     return [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -16,7 +16,7 @@ from experiments.rivals.laws.frigate import Frigate, FrigateCalibration, MoveTim
 from experiments.rivals.rival import HeadCamera, Rival, View
 from experiments.rivals.simulate import Motor, driven_by, simulate
 from experiments.rivals.trials import Trial, make_trial, recontact_s, response
-from gazempc.errors import LeftOutError
+from gazempc.errors import LeftOutError, SettingsError, suggest
 from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.run_summary import without_nan
 from gazempc.settings import DEFAULT_PREDICTOR, WalkerSettings
@@ -81,6 +81,17 @@ NAMES = (*RIVALS, *OURS)
 ANSWERS = ("overshoot_deg", "settling_s", "settling_2p6_s", "reversals", "rest_error_deg", "recontact_s")
 GAZES = ("gaze_error_rms_deg", "eye_contact_2p6", "rms_acceleration_rad_s2")
 FIGURES = (*ANSWERS, *GAZES)
+
+
+def check_names(what: str, names: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse a name that is not known.
+
+    Raises:
+        SettingsError: It names the nearest known name, and all of them.
+    """
+    for name in names:
+        if name not in known:
+            raise SettingsError(f"no {what} {name!r}; {suggest(name, known)}")
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,12 @@ def test_devices_have_speed_tables_and_laws_of_angles_get_angles(name):
     assert angles.pan.dead_time_s == neck.pan.dead_time_s
 
 
+@pytest.mark.parametrize(("option", "word", "meant"), [("laws", "frigat", "frigate"), ("devices", "chep", "cheap")])
+def test_an_unknown_law_or_device_is_refused_with_the_nearest_name(option, word, meant, capsys):
+    assert main(["--recordings", "subject01_R1", f"--{option}", word]) == 2
+    assert f"'{meant}'" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_the_command_writes_table_and_picture_and_names_first_where_ours_is_worse(tmp_path, capsys):
