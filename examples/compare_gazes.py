@@ -15,6 +15,6 @@ for controller in ("reactive", "lookahead", "mpc", "mpc+perfect"):
 
 # It prints:
 # reactive     9.89, 11.40  mean 10.64 deg, eye contact  11%
-# lookahead    0.53,  2.66  mean  1.59 deg, eye contact  86%
+# lookahead    0.53,  2.66  mean  1.60 deg, eye contact  86%
 # mpc          0.57,  2.65  mean  1.61 deg, eye contact  87%
 # mpc+perfect  0.09,  0.11  mean  0.10 deg, eye contact 100%

@@ -17,6 +17,6 @@ for neck in ("reachy_mini", "reachy_mini_body"):
 
 # It prints:
 # reachy_mini      reactive  4.26 deg, eye contact  39%, 0.54 rad/s²
-# reachy_mini      mpc       0.61 deg, eye contact 100%, 0.49 rad/s²
+# reachy_mini      mpc       0.54 deg, eye contact 100%, 0.74 rad/s²
 # reachy_mini_body reactive  1.63 deg, eye contact  88%, 0.93 rad/s²
-# reachy_mini_body mpc       0.59 deg, eye contact 100%, 0.45 rad/s²
+# reachy_mini_body mpc       0.53 deg, eye contact 100%, 0.68 rad/s²
