@@ -51,7 +51,7 @@ class Failing(SimulatedNeck):
     """Fails to answer from one call on."""
 
     sends = reads = 10**9
-    error: type[BaseException] = RobotError
+    error = RobotError
 
     def read_state(self):
         self.reads -= 1

@@ -4,27 +4,23 @@ import numpy as np
 
 from predictors import (
     HeadObservation,
-    Predictor,
 )
-from predictors.types import FloatArray
 
 FRAME_S = 1.0 / 30.0
 WALK_M_S = np.array([1.1, -0.4, 0.05])
 
 
-def yaw_quat(yaw: float) -> FloatArray:
+def yaw_quat(yaw):
     return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
 
 
-def seen(
-    time_s: float, position_m: FloatArray, head_yaw: float | None = None, waist_yaw: float = 0.0
-) -> HeadObservation:
+def seen(time_s, position_m, head_yaw=None, waist_yaw=0.0):
     if head_yaw is None:
         return HeadObservation(time_s, position_m)
     return HeadObservation(time_s, position_m, yaw_quat(head_yaw), yaw_quat(waist_yaw))
 
 
-def walk(predictor: Predictor, frames: int = 30, relative_yaw: float | None = None, noise_m: float = 0.005) -> float:
+def walk(predictor, frames=30, relative_yaw=None, noise_m=0.005):
     """Show a predictor a straight walk; gives the time of the last frame."""
     rng = np.random.default_rng(3)
     for i in range(frames):
@@ -34,15 +30,7 @@ def walk(predictor: Predictor, frames: int = 30, relative_yaw: float | None = No
     return (frames - 1) * FRAME_S
 
 
-def turned_walk(
-    predictor: Predictor,
-    frames: int,
-    angle: float = np.radians(20.0),
-    speed: float = 1.2,
-    start_s: float = 0.0,
-    start_m: tuple[float, float, float] = (2.0, 1.0, 0.4),
-    waist_yaw: float | None = None,
-) -> float:
+def turned_walk(predictor, frames, angle=np.pi / 9, speed=1.2, start_s=0.0, start_m=(2.0, 1.0, 0.4), waist_yaw=None):
     """A noise-free straight walk at heading 0.3 rad with the head turned by a constant angle; gives the last time."""
     direction = np.array([np.cos(0.3), np.sin(0.3), 0.0])
     for i in range(frames):

@@ -1,11 +1,12 @@
 """BVH files as programs export them: their joints' names and trees, axes and units, on one walking person."""
 
+import re
+
 import numpy as np
 
 # Axes of the rest pose: the columns are the person's forward, left and up in the file.
 Y_UP_FACING_Z = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 Z_UP_FACING_MINUS_Y = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-Z_UP_FACING_X = np.eye(3)
 CMU_UNIT_M = 0.0254 / 0.45
 RATE_HZ = 60.0
 # Of the head's tip above the hips; legs are 0.9 m long.
@@ -13,48 +14,36 @@ HEAD_ABOVE_HIPS_M = 0.78
 HEAD_YAW_RAD = 0.4
 
 
-def limb(names, offsets, end):
-    """A chain: (name, offset, children or end)."""
+def limb(side, names, offsets, end):
+    """A chain of a side: (name, offset, children or end); `side` is the pattern of its names, such as `Left{}`."""
     (name, *names), (offset, *offsets) = names, offsets
-    return (name, offset, [limb(names, offsets, end)] if names else end)
+    return (side.format(name), offset, [limb(side, names, offsets, end)] if names else end)
 
 
-def leg(names, left):
+def leg(side, names, left):
     """Hip to toes; with five names the first is a joint at the hips."""
-    side = 1.0 if left else -1.0
-    offsets = [(0.0, 0.1 * side, 0.0), (0.0, 0.0, -0.42), (0.0, 0.0, -0.42), (0.14, 0.0, -0.06)]
-    if len(names) == 5:
-        offsets = [(0.0, 0.0, 0.0), *offsets]
-    return limb(names, offsets[: len(names)], (0.06, 0.0, 0.0) if len(names) > 3 else (0.0, 0.0, -0.06))
+    offsets = [(0.0, 0.1 * left, 0.0), (0.0, 0.0, -0.42), (0.0, 0.0, -0.42), (0.14, 0.0, -0.06)]
+    offsets = [(0.0, 0.0, 0.0)] * (len(names) - 4) + offsets[: len(names)]
+    return limb(side, names, offsets, (0.06, 0.0, 0.0) if len(names) > 3 else (0.0, 0.0, -0.06))
 
 
-def arm(names, left):
+def arm(side, names, left):
     """Collar to hand."""
-    side = 1.0 if left else -1.0
-    return limb(
-        names,
-        [(0.0, 0.04 * side, 0.1), (0.0, 0.14 * side, 0.0), (0, 0.28 * side, 0), (0, 0.26 * side, 0)],
-        (0, 0.15 * side, 0),
-    )
+    offsets = [(0.0, 0.04 * left, 0.1), *((0.0, y * left, 0.0) for y in (0.14, 0.28, 0.26))]
+    return limb(side, names, offsets[: len(names)], (0.0, 0.15 * left, 0.0))
 
 
-def body(hips, spine, head, legs, arms, top=None):
-    """A tree: names of the hips, of the spine up to the neck, of the head, its two legs, its two arms."""
-    above = 0.6 / len(spine)
-    tip = HEAD_ABOVE_HIPS_M - 0.6
-    end = (0.0, 0.0, tip) if top is None else [(top, (0.0, 0.0, tip), (0.0, 0.0, 0.0))]
-    node = (head, (0.0, 0.0, above), end)
+def body(hips, spine, head, sides, leg_names, arm_names, top=None):
+    """A tree: names of the hips, of the spine up to the neck, and of the head; patterns of the left and right names."""
+    above, tip = 0.6 / len(spine), (0.0, 0.0, HEAD_ABOVE_HIPS_M - 0.6)
+    node = (head, (0.0, 0.0, above), tip if top is None else [(top, tip, (0.0, 0.0, 0.0))])
+    legs, arms = ([make(side, names.split(), left) for side, left in zip(sides, (1.0, -1.0), strict=True)]
+                  for make, names in ((leg, leg_names), (arm, arm_names)))  # fmt: skip
     for k, name in enumerate(reversed(spine)):
         offset = (0.0, 0.0, 0.0) if k == len(spine) - 1 else (0.0, 0.0, above)
         # The arms grow on the last but one.
-        grown = [arm(arms[0], True), arm(arms[1], False)] if k == min(1, len(spine) - 1) else []
-        node = (name, offset, [node, *grown])
-    return (hips, (0.0, 0.0, 0.0), [leg(legs[0], True), leg(legs[1], False), node])
-
-
-def sides(left, right, names):
-    """Names of both sides, from a pattern for each."""
-    return tuple([pattern.format(name) for name in names] for pattern in (left, right))
+        node = (name, offset, [node, *(arms if k == min(1, len(spine) - 1) else [])])
+    return (hips, (0.0, 0.0, 0.0), [*legs, node])
 
 
 def write_bvh(path, tree, axes=Y_UP_FACING_Z, unit_m=0.01, head=None, walks=True, above=None, positions_of=None):
@@ -80,10 +69,8 @@ def write_bvh(path, tree, axes=Y_UP_FACING_Z, unit_m=0.01, head=None, walks=True
         channels.extend(
             (name, kind, value) for kind, value in zip(kinds, [*place, 0, 0, 0][-len(kinds) :], strict=True)
         )
-        lines.extend(
-            [f"{pad}{'ROOT' if parent is None else 'JOINT'} {name}", f"{pad}{{", f"{pad}  OFFSET {number(offset)}"]
-        )
-        lines.append(f"{pad}  CHANNELS {len(kinds)} {' '.join(kinds)}")
+        lines.extend([f"{pad}{'ROOT' if parent is None else 'JOINT'} {name}", f"{pad}{{"])
+        lines.extend([f"{pad}  OFFSET {number(offset)}", f"{pad}  CHANNELS {len(kinds)} {' '.join(kinds)}"])
         if isinstance(grown, tuple):
             lines.extend([f"{pad}  End Site", f"{pad}  {{", f"{pad}    OFFSET {number(grown)}", f"{pad}  }}"])
         else:
@@ -131,63 +118,30 @@ def renamed(tree, name_of):
     return (name_of(name), offset, grown if isinstance(grown, tuple) else [renamed(child, name_of) for child in grown])
 
 
-_LEG, _ARM = ("UpLeg", "Leg", "Foot", "ToeBase"), ("Shoulder", "Arm", "ForeArm", "Hand")
-_SPINE = ["Spine", "Spine1", "Spine2", "Neck"]
+BY_WORD, BY_LETTER = ("Left{}", "Right{}"), ("{}_L", "{}_R")
+_SPINE, _LEG, _ARM = ["Spine", "Spine1", "Spine2", "Neck"], "UpLeg Leg Foot ToeBase", "Shoulder Arm ForeArm Hand"
+_BONES = "thigh shin foot toe", "shoulder upper_arm forearm hand"
 
-CMU_ASF = body(
-    "root",
-    ["lowerback", "upperback", "thorax", "lowerneck", "upperneck"],
-    "head",
-    sides("l{}", "r{}", ("hipjoint", "femur", "tibia", "foot", "toes")),
-    sides("l{}", "r{}", ("clavicle", "humerus", "radius", "wrist")),
+_CMU_SPINE = ["lowerback", "upperback", "thorax", "lowerneck", "upperneck"]
+_CMU_LIMBS = "hipjoint femur tibia foot toes", "clavicle humerus radius wrist"
+CMU_ASF = body("root", _CMU_SPINE, "head", ("l{}", "r{}"), *_CMU_LIMBS)
+CMU_FOR_MOTION_BUILDER = renamed(
+    body("Hips", ["LowerBack", "Spine", "Spine1", "Neck", "Neck1"], "Head", BY_WORD, f"HipJoint {_LEG}", _ARM),
+    lambda name: re.sub("(eft|ight)HipJoint", "HipJoint", name),
 )
-CMU_FOR_MOTION_BUILDER = body(
-    "Hips",
-    ["LowerBack", "Spine", "Spine1", "Neck", "Neck1"],
-    "Head",
-    (["LHipJoint", *("Left" + n for n in _LEG)], ["RHipJoint", *("Right" + n for n in _LEG)]),
-    sides("Left{}", "Right{}", _ARM),
-)
-MIXAMO = body(
-    "mixamorig:Hips",
-    ["mixamorig:" + name for name in _SPINE],
-    "mixamorig:Head",
-    sides("mixamorig:Left{}", "mixamorig:Right{}", _LEG),
-    sides("mixamorig:Left{}", "mixamorig:Right{}", _ARM),
-    top="mixamorig:HeadTop_End",
-)
+MOTION_BUILDER = renamed(body("Hips", _SPINE, "Head", BY_WORD, _LEG, _ARM), "Character1_{}".format)
+MIXAMO = renamed(body("Hips", _SPINE, "Head", BY_WORD, _LEG, _ARM, top="HeadTop_End"), "mixamorig:{}".format)
 XSENS = body(
     "Hips",
     ["Chest", "Chest2", "Chest3", "Chest4", "Neck"],
     "Head",
-    sides("Left{}", "Right{}", ("Hip", "Knee", "Ankle", "Toe")),
-    sides("Left{}", "Right{}", ("Collar", "Shoulder", "Elbow", "Wrist")),
+    BY_WORD,
+    "Hip Knee Ankle Toe",
+    "Collar Shoulder Elbow Wrist",
 )
-ROKOKO = body(
-    "Hips",
-    ["Spine1", "Spine2", "Spine3", "Spine4", "Neck"],
-    "Head",
-    sides("Left{}", "Right{}", ("Thigh", "Shin", "Foot", "Toe")),
-    sides("Left{}", "Right{}", ("Shoulder", "Arm", "ForeArm", "Hand")),
-)
-MOTION_BUILDER = renamed(
-    body("Hips", _SPINE, "Head", sides("Left{}", "Right{}", _LEG), sides("Left{}", "Right{}", _ARM)),
-    lambda name: f"Character1_{name}",
-)
+ROKOKO = body("Hips", ["Spine1", "Spine2", "Spine3", "Spine4", "Neck"], "Head", BY_WORD, "Thigh Shin Foot Toe", _ARM)
 # Of Rigify's human: no bone is named head or hips.
-BLENDER_RIGIFY = body(
-    "spine",
-    [f"spine.00{k}" for k in range(1, 6)],
-    "spine.006",
-    sides("{}.L", "{}.R", ("thigh", "shin", "foot", "toe")),
-    sides("{}.L", "{}.R", ("shoulder", "upper_arm", "forearm", "hand")),
-)
-BLENDER = body(
-    "hips",
-    ["spine", "chest", "neck"],
-    "head",
-    sides("{}_L", "{}_R", ("thigh", "shin", "foot", "toe")),
-    sides("{}_L", "{}_R", ("shoulder", "upper_arm", "forearm", "hand")),
-)
+BLENDER_RIGIFY = body("spine", [f"spine.00{k}" for k in range(1, 6)], "spine.006", ("{}.L", "{}.R"), *_BONES)
+BLENDER = body("hips", ["spine", "chest", "neck"], "head", BY_LETTER, *_BONES)
 NUMBERED = renamed(XSENS, {name: f"Bone_{k}" for k, name in enumerate(names_of(XSENS))}.__getitem__)
 NUMBERED_HEAD = "Bone_" + str(names_of(XSENS).index("Head"))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from gazempc.recordings.arrays import recording_from_arrays
-from gazempc.sim.scene import Scene, SceneSettings, make_scene
+from gazempc.sim.scene import SceneSettings, make_scene
 
 
 def standing(name, at_m, seconds, from_s=0.0):
@@ -15,7 +15,7 @@ def standing(name, at_m, seconds, from_s=0.0):
     return recording_from_arrays(name, times_s, np.asarray(at_m) + np.column_stack(sway_m))
 
 
-def standing_together(seconds, *places_m) -> Scene:
+def standing_together(seconds, *places_m):
     """A scene of people who stand, base frame."""
     settings = SceneSettings(sensor="reference", placement="recorded")
     first, *others = (make_scene(standing(f"p{k}", at_m, seconds), settings) for k, at_m in enumerate(places_m))

@@ -1,7 +1,5 @@
 """What all predictors share: forecasts change nothing, bad times are refused, covariances are covariances."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from builders.people import FRAME_S, WALK_M_S, seen, walk
@@ -21,12 +19,10 @@ from predictors import (
     ParticleFilter,
     PelvisPursuit,
     Perfect,
-    Predictor,
     Walker,
 )
-from predictors.types import FloatArray
 
-MAKERS: dict[str, Callable[[], Predictor]] = {
+MAKERS = {
     "last": LastPosition,
     "cv": ConstantVelocity,
     "ca": ConstantAcceleration,
@@ -45,7 +41,7 @@ every_predictor = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.ke
 
 
 @every_predictor
-def test_forecast_changes_nothing_and_is_the_same_in_any_order(make: Callable[[], Predictor]) -> None:
+def test_forecast_changes_nothing_and_is_the_same_in_any_order(make):
     predictor = make()
     end_s = walk(predictor, relative_yaw=0.5)
     times_s = end_s + np.array([0.5, 0.0, 1.0, 0.25])
@@ -65,7 +61,7 @@ def test_forecast_changes_nothing_and_is_the_same_in_any_order(make: Callable[[]
 
 
 @every_predictor
-def test_no_forecast_before_the_first_observation_nor_after_reset(make: Callable[[], Predictor]) -> None:
+def test_no_forecast_before_the_first_observation_nor_after_reset(make):
     predictor = make()
     with pytest.raises(NotReadyError):
         predictor.forecast(0.0)
@@ -82,7 +78,7 @@ def test_no_forecast_before_the_first_observation_nor_after_reset(make: Callable
 
 @every_predictor
 @pytest.mark.parametrize("step_s", [0.0, -0.1])
-def test_old_observations_are_refused_and_change_nothing(make: Callable[[], Predictor], step_s: float) -> None:
+def test_old_observations_are_refused_and_change_nothing(make, step_s):
     predictor = make()
     end_s = walk(predictor, relative_yaw=0.5)
     before = predictor.forecast(end_s + 0.5)
@@ -101,9 +97,7 @@ def test_old_observations_are_refused_and_change_nothing(make: Callable[[], Pred
     yaws=arrays(np.float64, 15, elements=st.floats(-7, 7)),
     ahead_s=st.lists(st.floats(-0.5, 3.0), min_size=1, max_size=5),
 )
-def test_covariances_are_symmetric_and_positive_semidefinite(
-    make: Callable[[], Predictor], steps_s: list[float], places: FloatArray, yaws: FloatArray, ahead_s: list[float]
-) -> None:
+def test_covariances_are_symmetric_and_positive_semidefinite(make, steps_s, places, yaws, ahead_s):
     """Whatever is seen, jumps included."""
     predictor = make()
     times_s = np.cumsum(steps_s)
@@ -117,7 +111,7 @@ def test_covariances_are_symmetric_and_positive_semidefinite(
     assert np.linalg.eigvalsh(P).min() >= -1e-12 * scale
 
 
-def test_last_position_stays_and_spreads_at_walking_speed() -> None:
+def test_last_position_stays_and_spreads_at_walking_speed():
     last = LastPosition(position_noise_m=0.02, walking_speed_m_s=0.5)
     last.update(seen(1.0, np.array([9.0, 9.0, 9.0])))
     last.update(seen(2.0, np.array([1.0, 2.0, 3.0])))
@@ -128,7 +122,7 @@ def test_last_position_stays_and_spreads_at_walking_speed() -> None:
     assert forecast.issued_at_s == 2.0
 
 
-def test_perfect_gives_the_true_future_surely() -> None:
+def test_perfect_gives_the_true_future_surely():
     perfect = Perfect(lambda times: np.stack([np.sin(times), times**2, np.ones_like(times)], axis=-1))
     perfect.update(seen(0.5, np.zeros(3)))
     forecast = perfect.forecast([0.5, 2.0])

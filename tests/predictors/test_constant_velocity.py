@@ -10,12 +10,9 @@ from predictors import (
     ConstantVelocity,
     HeadObservation,
 )
-from predictors.types import FloatArray
 
 
-def joint_gaussian(
-    seen_s: FloatArray, seen_m: FloatArray, times_s: FloatArray, psd: float, noise_m: float
-) -> tuple[FloatArray, FloatArray]:
+def joint_gaussian(seen_s, seen_m, times_s, psd, noise_m):
     """Forecast by one dense solve, per axis.
 
     Position = p0 + v0 t + integral of (t - s) dW(s). As the filter does, the first observation is the prior mean,
@@ -37,9 +34,7 @@ def joint_gaussian(
     noise_m=st.sampled_from([0.003, 0.01, 0.05]),
     seed=st.integers(0, 1000),
 )
-def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(
-    steps_s: list[float], psd: float, noise_m: float, seed: int
-) -> None:
+def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(steps_s, psd, noise_m, seed):
     rng = np.random.default_rng(seed)
     seen_s = 5.0 + np.concatenate([[0.0], np.cumsum(steps_s)])
     seen_m = np.array([3.0, -1.0, 0.5]) + (seen_s[:, None] - 5.0) * WALK_M_S
@@ -56,7 +51,7 @@ def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(
     assert forecast.issued_at_s == seen_s[-1]
 
 
-def show_jumps(cv: ConstantVelocity, count: int) -> tuple[float, FloatArray]:
+def show_jumps(cv, count):
     """Show another place, 0.5 m aside, for a number of frames; gives the last time and place."""
     end_s = walk(cv)
     jump = cv.forecast(end_s).means_base_m[0] + [0.0, 0.5, 0.0]
@@ -65,7 +60,7 @@ def show_jumps(cv: ConstantVelocity, count: int) -> tuple[float, FloatArray]:
     return end_s + count * FRAME_S, jump + 0.001 * count
 
 
-def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused() -> None:
+def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused():
     """With all of its history: as a filter that saw nothing else."""
     cv, fresh = ConstantVelocity(), ConstantVelocity()
     end_s, place_m = show_jumps(cv, 24)
@@ -92,7 +87,7 @@ def test_a_person_in_a_sharp_turn_passes_the_gate():
         assert predictor.rejections_in_a_row == 0, t
 
 
-def test_not_gated_is_the_plain_filter_that_takes_in_everything() -> None:
+def test_not_gated_is_the_plain_filter_that_takes_in_everything():
     """One outlier: the exact posterior of all observations, or, gated, of all others."""
     times_s = np.arange(40) * FRAME_S
     positions_m = np.array([2.0, 1.0, 0.4]) + times_s[:, None] * WALK_M_S

@@ -1,26 +1,21 @@
 """The gate: refused observations, and the change to another person's track. The filter is that of constant velocity."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from predictors import ConstantVelocity, HeadObservation
 from predictors.gate import is_near
-from predictors.types import FloatArray
 
 SPEED_M_S = np.array([1.2, 0.0, 0.0])
 ASIDE_M = np.array([0.0, 1.0, 0.0])
 RATES_HZ = [4.0, 10.0, 30.0, 60.0]
 
 
-def person(time_s: float) -> FloatArray:
+def person(time_s):
     return np.array([-2.0, 2.5, 0.4]) + time_s * SPEED_M_S
 
 
-def show(
-    cv: ConstantVelocity, at: Callable[[float], FloatArray], since_s: float, until_s: float, rate_hz: float = 30.0
-) -> list[HeadObservation]:
+def show(cv, at, since_s, until_s, rate_hz=30.0):
     """Show a person with 5 mm of noise; returns the observations."""
     rng = np.random.default_rng(7)
     shown = []
@@ -30,13 +25,13 @@ def show(
     return shown
 
 
-def off_m(cv: ConstantVelocity, at: Callable[[float], FloatArray]) -> float:
+def off_m(cv, at):
     time_s, state, _ = cv.state()
     return float(np.linalg.norm(state[:3] - at(time_s)))
 
 
 @pytest.mark.parametrize("since_s", [1 / 30, 0.25, 1.0])
-def test_the_edge_is_the_quantile_with_an_allowance_that_grows_with_the_gap(since_s: float) -> None:
+def test_the_edge_is_the_quantile_with_an_allowance_that_grows_with_the_gap(since_s):
     """16.266 is the 99.9 % quantile of chi-square with 3 degrees of freedom in printed tables."""
     edge_m = np.sqrt(16.266 * (0.02**2 + (0.5 * 1.25 * (since_s + 0.2) ** 2) ** 2))
     for factor, near in ((0.999, True), (1.001, False)):
@@ -44,7 +39,7 @@ def test_the_edge_is_the_quantile_with_an_allowance_that_grows_with_the_gap(sinc
     assert not is_near(np.array([np.nan, 0.0, 0.0]), np.eye(3), since_s)
 
 
-def test_spikes_are_refused_and_nothing_else() -> None:
+def test_spikes_are_refused_and_nothing_else():
     """10 % of the frames of a minute, 0.2 to 0.5 m."""
     rng, cv, wrong, good = np.random.default_rng(1), ConstantVelocity(), [], []
     for k in range(1800):
@@ -58,7 +53,7 @@ def test_spikes_are_refused_and_nothing_else() -> None:
     assert np.mean(good) < 0.01
 
 
-def test_a_tracker_noisier_than_stated_is_not_refused_for_long() -> None:
+def test_a_tracker_noisier_than_stated_is_not_refused_for_long():
     """A range that is wrong by 15 % in each frame, and 10 mm stated: after a second nearly all is used."""
     rng, cv, refused = np.random.default_rng(2), ConstantVelocity(), []
     for k in range(150):
@@ -68,7 +63,7 @@ def test_a_tracker_noisier_than_stated_is_not_refused_for_long() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_a_track_rides_through_a_passer_by_of_0_7_s(rate_hz: float) -> None:
+def test_a_track_rides_through_a_passer_by_of_0_7_s(rate_hz):
     """Also where the gate has grown over the other person meanwhile."""
     cv = ConstantVelocity()
     for period in range(4):
@@ -80,10 +75,10 @@ def test_a_track_rides_through_a_passer_by_of_0_7_s(rate_hz: float) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [2.5, *RATES_HZ])
-def test_who_is_elsewhere_for_good_is_followed_within_about_a_second(rate_hz: float) -> None:
+def test_who_is_elsewhere_for_good_is_followed_within_about_a_second(rate_hz):
     """And goes on with the velocity that was seen meanwhile."""
 
-    def elsewhere(time_s: float) -> FloatArray:
+    def elsewhere(time_s):
         return np.array([2.0, -1.0 - time_s, 0.4])
 
     cv = ConstantVelocity()
@@ -95,23 +90,23 @@ def test_who_is_elsewhere_for_good_is_followed_within_about_a_second(rate_hz: fl
     np.testing.assert_allclose(cv.state()[1][3:], [0.0, -1.0, 0.0], atol=0.1)
 
 
-def test_a_track_that_began_with_a_mistake_is_given_up_at_once() -> None:
+def test_a_track_that_began_with_a_mistake_is_given_up_at_once():
     cv = ConstantVelocity()
     cv.update(HeadObservation(0.0, person(0.0) + 3.0 * ASIDE_M))
     show(cv, person, 1 / 30, 0.1)
     assert off_m(cv, person) < 0.02
 
 
-def named(cv: ConstantVelocity, at: Callable[[float], FloatArray], since_s: float, until_s: float, name: str) -> None:
+def named(cv, at, since_s, until_s, name):
     for k in range(round(30 * since_s), round(30 * until_s)):
         cv.update(HeadObservation(k / 30, at(k / 30), person_id=name))
 
 
-def aside_of_person(time_s: float) -> FloatArray:
+def aside_of_person(time_s):
     return person(time_s) + ASIDE_M
 
 
-def test_who_has_another_name_is_waited_out_for_longer() -> None:
+def test_who_has_another_name_is_waited_out_for_longer():
     cv = ConstantVelocity()
     named(cv, person, 0.0, 2.0, "ann")
     named(cv, aside_of_person, 2.0, 3.2, "bob")
@@ -124,10 +119,10 @@ def test_who_has_another_name_is_waited_out_for_longer() -> None:
     assert off_m(cv, aside_of_person) < 0.05
 
 
-def test_after_a_gap_another_name_needs_to_be_where_the_person_is_expected() -> None:
+def test_after_a_gap_another_name_needs_to_be_where_the_person_is_expected():
     """0.4 m aside after 0.4 s may be the person who turned, but not under another name."""
 
-    def turned(time_s: float) -> FloatArray:
+    def turned(time_s):
         return person(time_s) + 0.4 * ASIDE_M
 
     for name, refused in (("ann", 0), ("bob", 1)):

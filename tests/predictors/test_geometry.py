@@ -16,7 +16,7 @@ metres = st.floats(-5.0, 5.0)
 
 
 @given(yaw=st.floats(-np.pi, np.pi), pitch=st.floats(-1.5, 1.5), roll=st.floats(-np.pi, np.pi))
-def test_yaw_is_the_heading_of_the_forward_axis(yaw: float, pitch: float, roll: float) -> None:
+def test_yaw_is_the_heading_of_the_forward_axis(yaw, pitch, roll):
     rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll])
     x, y, _ = rotation.apply([1.0, 0.0, 0.0])
     quat = rotation.as_quat(scalar_first=True)
@@ -25,7 +25,7 @@ def test_yaw_is_the_heading_of_the_forward_axis(yaw: float, pitch: float, roll: 
 
 
 @given(angle=st.floats(-50, 50))
-def test_wrapped_angle_is_the_same_direction_within_half_a_turn(angle: float) -> None:
+def test_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
     wrapped = wrap_rad(angle)
     assert -np.pi < wrapped <= np.pi
     assert np.exp(1j * wrapped) == pytest.approx(np.exp(1j * angle), abs=1e-12)

@@ -15,7 +15,7 @@ from predictors.geometry import wrap_rad
 
 @pytest.mark.parametrize("weight", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("relative_yaw", [0.0, 0.4, -1.2])
-def test_head_pose_is_the_papers_equations_1_to_5(weight: float, relative_yaw: float) -> None:
+def test_head_pose_is_the_papers_equations_1_to_5(weight, relative_yaw):
     """N = 15 steps of 1/30 s, with x(t|t) from the Kalman filter that sees the same positions."""
     head, kalman = HeadPose(weight=weight), ConstantVelocity()
     end_s = walk(head, relative_yaw=relative_yaw)
@@ -32,7 +32,7 @@ def test_head_pose_is_the_papers_equations_1_to_5(weight: float, relative_yaw: f
     np.testing.assert_allclose(forecast.means_base_m[:, 2], kalman.forecast(forecast.times_s).means_base_m[:, 2])
 
 
-def test_head_pose_covariance_is_that_of_the_turned_state() -> None:
+def test_head_pose_covariance_is_that_of_the_turned_state():
     weight, yaw, psd, tau = 0.6, 0.9, 0.05, 0.5
     head, kalman = HeadPose(weight=weight), ConstantVelocity()
     end_s = walk(head, frames=4, relative_yaw=yaw)  # few frames: position and velocity are still correlated
@@ -47,7 +47,7 @@ def test_head_pose_covariance_is_that_of_the_turned_state() -> None:
     assert np.linalg.norm(P[:3, 3:]) > 1e-6
 
 
-def test_the_last_yaw_is_good_for_half_a_second_only() -> None:
+def test_the_last_yaw_is_good_for_half_a_second_only():
     head, kalman = HeadPose(weight=1.0), ConstantVelocity()
     end_s = walk(head, relative_yaw=0.7)
     walk(kalman)
@@ -68,7 +68,7 @@ def test_the_last_yaw_is_good_for_half_a_second_only() -> None:
 
 
 @pytest.mark.parametrize("centre", [0.3, np.pi])
-def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk(centre: float) -> None:
+def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk(centre):
     """Head and waist past pi, and a difference about pi; psd 1 rad^2/s."""
     rng = np.random.default_rng(5)
     measured = centre + 0.05 * rng.standard_normal(20)
@@ -85,7 +85,7 @@ def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk(centre: float
         assert wrap_rad(relative - estimate) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier() -> None:
+def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier():
     for gated in (False, True):
         head, kalman = HeadPose(gated=gated), ConstantVelocity(gated=gated)
         for predictor in (head, kalman):
@@ -100,7 +100,7 @@ def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier() -> None:
 
 
 @pytest.mark.parametrize("waist_yaw", [None, -2.0])
-def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw: float | None) -> None:
+def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw):
     """Where the waist points, or whether it is known, does not matter."""
     head, kalman = HeadPose(weight=1.0, yaw_from="travel"), ConstantVelocity()
     end_s = turned_walk(head, 60, waist_yaw=waist_yaw)
@@ -111,7 +111,7 @@ def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw: float | None
     np.testing.assert_allclose(head.forecast(end_s + 0.5).means_base_m[0], expected, atol=1e-9)
 
 
-def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed() -> None:
+def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed():
     """The offset is that of the filtered yaw, frame by frame."""
     with_offset, without = (HeadPose(offset_removed=removed) for removed in (False, True))
     total = 0.0
@@ -125,7 +125,7 @@ def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed() -> None:
         assert without.relative_yaw_rad() == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_new_track_forgets_the_offset_of_the_old_one() -> None:
+def test_a_new_track_forgets_the_offset_of_the_old_one():
     """Refusals for 0.75 s, then a track 5 m away whose head is turned the other way: its own mean alone is removed."""
     head = HeadPose(yaw_from="travel", offset_removed=True)
     end_s = turned_walk(head, 90)

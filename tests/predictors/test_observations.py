@@ -26,18 +26,18 @@ QUAT = np.array([1.0, 0.0, 0.0, 0.0])
         ((0.0, GOOD, np.zeros(4)), "head_quat_wxyz is not of unit length"),
     ],
 )
-def test_observation_refuses(arguments: tuple[object, ...], message: str) -> None:
+def test_observation_refuses(arguments, message):
     with pytest.raises(ValueError, match=message):
-        HeadObservation(*arguments)  # type: ignore[arg-type]
+        HeadObservation(*arguments)
 
 
-def test_observation_takes_plain_lists_and_is_frozen() -> None:
-    observation = HeadObservation(0.0, [1, 2, 3], [1, 0, 0, 0])  # type: ignore[arg-type]
+def test_observation_takes_plain_lists_and_is_frozen():
+    observation = HeadObservation(0.0, [1, 2, 3], [1, 0, 0, 0])
     assert observation.head_position_base_m.dtype == np.float64
     assert observation.head_quat_wxyz is not None
     assert observation.pelvis_quat_wxyz is None
     with pytest.raises(FrozenInstanceError):
-        observation.capture_time_s = 1.0  # type: ignore[misc]
+        observation.capture_time_s = 1.0
 
 
 def test_a_forecast_may_be_made_of_lists():

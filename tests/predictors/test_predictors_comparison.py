@@ -1,11 +1,9 @@
 """The standard predictors that others are compared with, each against an oracle that does not share its code."""
 
 import inspect
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import quad_vec, solve_ivp
 from scipy.linalg import expm
 from scipy.stats import multivariate_normal
@@ -20,17 +18,15 @@ from predictors import (
     InteractingModels,
     ParticleFilter,
     PelvisPursuit,
-    Predictor,
 )
 from predictors.baselines import coordinated_turn
 from predictors.baselines.coordinated_turn import arc
 from predictors.geometry import wrap_rad
 
-Array = NDArray[np.float64]
 FRAME_S = 1.0 / 30.0
 ENDLESS_S = 1e6
 SPEED_M_S, TURN_RAD_S = 1.2, 0.8
-OUTLIER_MAKERS: dict[str, Callable[[], Predictor]] = {
+OUTLIER_MAKERS = {
     "cv": ConstantVelocity,
     "ca": ConstantAcceleration,
     "ctrv": CoordinatedTurn,
@@ -40,29 +36,22 @@ OUTLIER_MAKERS: dict[str, Callable[[], Predictor]] = {
 }
 
 
-def yaw_quat(yaw: float) -> Array:
+def yaw_quat(yaw):
     return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
 
 
-def on_circle(time_s: Array | float, heading: float = 0.3, rate: float = TURN_RAD_S) -> Array:
+def on_circle(time_s, heading=0.3, rate=TURN_RAD_S):
     """Positions on a circle, by its centre and radius."""
     radius = SPEED_M_S / rate
     angle = heading + rate * np.asarray(time_s)
     return np.stack([2.0 + radius * np.sin(angle), 1.0 - radius * np.cos(angle), 1.6 + 0.0 * angle], axis=-1)
 
 
-def straight(time_s: float) -> Array:
+def straight(time_s):
     return np.array([2.0 - 1.1 * time_s, 1.0 + 0.3 * time_s, 1.6])
 
 
-def show(
-    predictor: Predictor,
-    path: Callable[[float], Array],
-    frames: int = 60,
-    pelvis: Callable[[float], float] | None = None,
-    head: Callable[[float], float] | None = None,
-    noise_m: float = 0.0,
-) -> float:
+def show(predictor, path, frames=60, pelvis=None, head=None, noise_m=0.0):
     """Show a walk at 30 Hz; gives the time of the last frame."""
     rng = np.random.default_rng(4)
     for i in range(frames):
@@ -73,7 +62,7 @@ def show(
     return (frames - 1) * FRAME_S
 
 
-def van_loan(A: Array, noise: Array, dt_s: float) -> Array:
+def van_loan(A, noise, dt_s):
     """Discrete covariance of white noise through a linear system, by a matrix exponential."""
     n = len(A)
     block = expm(np.block([[-A, noise], [np.zeros((n, n)), A.T]]) * dt_s)
@@ -84,7 +73,7 @@ def van_loan(A: Array, noise: Array, dt_s: float) -> Array:
 
 
 @pytest.mark.parametrize("make", OUTLIER_MAKERS.values(), ids=OUTLIER_MAKERS.keys())
-def test_false_detections_do_not_move_the_track_and_after_0_75_s_they_are_it(make: Callable[[], Predictor]) -> None:
+def test_false_detections_do_not_move_the_track_and_after_0_75_s_they_are_it(make):
     """They walk on, too, so that the new track has a velocity at once."""
     predictor = make()
     end_s = show(predictor, straight, noise_m=0.005)
@@ -104,7 +93,7 @@ def test_false_detections_do_not_move_the_track_and_after_0_75_s_they_are_it(mak
 
 
 @pytest.mark.parametrize("make", OUTLIER_MAKERS.values(), ids=OUTLIER_MAKERS.keys())
-def test_a_gap_is_bridged_by_the_time_stamps(make: Callable[[], Predictor]) -> None:
+def test_a_gap_is_bridged_by_the_time_stamps(make):
     predictor = make()
     end_s = show(predictor, straight)
     later_s = end_s + 0.7
@@ -120,8 +109,8 @@ def test_a_gap_is_bridged_by_the_time_stamps(make: Callable[[], Predictor]) -> N
 
 
 @pytest.mark.parametrize("rate", [-2.0, 0.0, 1.5])
-def test_dying_turn_is_what_an_ode_solver_gives(rate: float) -> None:
-    def derivative(_: float, y: Array) -> list[float]:
+def test_dying_turn_is_what_an_ode_solver_gives(rate):
+    def derivative(_, y):
         return [np.cos(y[2]), np.sin(y[2]), y[3], -y[3] / 0.4]
 
     solved = solve_ivp(derivative, (0.0, 1.0), [0.0, 0.0, 0.3, rate], rtol=1e-10, atol=1e-12).y[:, -1]
@@ -134,7 +123,7 @@ def test_dying_turn_is_what_an_ode_solver_gives(rate: float) -> None:
 
 @pytest.mark.parametrize("rate", [-1.5, 0.0, 1e-9, 0.8])
 @pytest.mark.parametrize("turn_time_s", [0.5, ENDLESS_S])
-def test_jacobian_is_that_of_finite_differences(rate: float, turn_time_s: float) -> None:
+def test_jacobian_is_that_of_finite_differences(rate, turn_time_s):
     x, dt, step = np.array([2.0, 1.0, 1.3, 0.4, rate, 0.1, -0.2]), np.array([0.03, 0.8]), 1e-6
     _, jacobian = coordinated_turn.transition(x, dt, turn_time_s)
     for i in range(7):
@@ -144,7 +133,7 @@ def test_jacobian_is_that_of_finite_differences(rate: float, turn_time_s: float)
         np.testing.assert_allclose(jacobian[:, :, i], (up - down) / (2 * step), atol=1e-8)
 
 
-def test_noise_free_arc_is_forecast_exactly_in_the_limit() -> None:
+def test_noise_free_arc_is_forecast_exactly_in_the_limit():
     """Of many frames: the filter begins with no turn."""
     errors = []
     for frames in (60, 300):
@@ -155,8 +144,8 @@ def test_noise_free_arc_is_forecast_exactly_in_the_limit() -> None:
     assert errors[1] < 1e-3 * errors[0]
 
 
-def test_height_and_a_standing_person_are_those_of_constant_velocity() -> None:
-    def sways(t: float) -> Array:
+def test_height_and_a_standing_person_are_those_of_constant_velocity():
+    def sways(t):
         return np.array([2.0 + 0.02 * np.sin(3 * t), 1.0, 1.6 + 0.02 * np.cos(5 * t)])
 
     for cues in ("none", "pelvis", "both"):
@@ -175,7 +164,7 @@ def test_height_and_a_standing_person_are_those_of_constant_velocity() -> None:
 
 
 @pytest.mark.parametrize("heading", [0.4, np.pi - 0.02])
-def test_a_constant_offset_of_the_yaws_is_learned_and_does_not_bend_the_walk(heading: float) -> None:
+def test_a_constant_offset_of_the_yaws_is_learned_and_does_not_bend_the_walk(heading):
     """Also where the measured yaws jump from pi to -pi."""
     direction = np.array([np.cos(heading), np.sin(heading), 0.0])
     predictor = CoordinatedTurn(yaw_cues="both")
@@ -191,8 +180,8 @@ def test_a_constant_offset_of_the_yaws_is_learned_and_does_not_bend_the_walk(hea
 
 
 @pytest.mark.parametrize("cues", ["pelvis", "both"])
-def test_a_turned_pelvis_bends_the_path_to_its_side(cues: coordinated_turn.YawCues) -> None:
-    def turns_at_the_end(t: float) -> float:
+def test_a_turned_pelvis_bends_the_path_to_its_side(cues):
+    def turns_at_the_end(t):
         return 0.6 * max(t - 1.6, 0.0)
 
     predictor, blind = CoordinatedTurn(yaw_cues=cues), CoordinatedTurn()
@@ -206,7 +195,7 @@ def test_a_turned_pelvis_bends_the_path_to_its_side(cues: coordinated_turn.YawCu
 # ---------------------------------------------------------------- interacting models
 
 
-def test_imm_is_the_textbooks_at_irregular_times() -> None:
+def test_imm_is_the_textbooks_at_irregular_times():
     """Bar-Shalom, Li & Kirubarajan 2001, table 11.6.6-1, written out; per mode likelihoods from scipy."""
     rates_rad_s, psd, noise_m, mode_s = (0.0, 0.7, -0.7), 0.05, 0.01, 2.0
     predictor = InteractingModels(0.7, mode_s, psd, noise_m)
@@ -252,7 +241,7 @@ def test_imm_is_the_textbooks_at_irregular_times() -> None:
 # ---------------------------------------------------------------- particle filter
 
 
-def test_many_particles_agree_with_the_extended_kalman_filter() -> None:
+def test_many_particles_agree_with_the_extended_kalman_filter():
     """Both are the same walker's; the particles' measurement noise is wider, so it is made up for."""
     particles, ekf = ParticleFilter(4000, position_noise_m=0.01), CoordinatedTurn(position_noise_m=0.015)
     for each in (particles, ekf):
@@ -268,7 +257,7 @@ def test_many_particles_agree_with_the_extended_kalman_filter() -> None:
 
 
 @pytest.mark.parametrize("off_course", [-2.0, 0.0, 0.3])
-def test_pursuit_is_the_integral_of_the_turned_velocity(off_course: float) -> None:
+def test_pursuit_is_the_integral_of_the_turned_velocity(off_course):
     heading = float(np.arctan2(0.3, -1.1))
     pursuit, steady = PelvisPursuit(0.6, 0.2, 0.05), ConstantVelocity(0.05)
     end_s = show(pursuit, straight, pelvis=lambda t: heading + off_course, noise_m=0.005)
@@ -283,7 +272,7 @@ def test_pursuit_is_the_integral_of_the_turned_velocity(off_course: float) -> No
         np.testing.assert_allclose(pursuit.forecast(end_s + tau).means_base_m[0], x[:3] + way, atol=1e-9)
 
 
-def test_pursuit_without_pelvis_or_gain_is_constant_velocity() -> None:
+def test_pursuit_without_pelvis_or_gain_is_constant_velocity():
     blind, lazy, steady = PelvisPursuit(), PelvisPursuit(gain=0.0), ConstantVelocity(0.02)
     end_s = show(blind, straight, head=lambda t: 1.0)
     show(lazy, straight, pelvis=lambda t: 1.0)
@@ -305,7 +294,7 @@ def test_pursuit_without_pelvis_or_gain_is_constant_velocity() -> None:
         ("coordinated_turn", CoordinatedTurn),
     ],
 )
-def test_settings_are_the_constructors_and_have_its_defaults(name: str, made: type) -> None:
+def test_settings_are_the_constructors_and_have_its_defaults(name, made):
     settings = ReplaySettings()
     assert type(make_predictor(name, settings, Person(), {})) is made
     defaults = {p.name: p.default for p in inspect.signature(made).parameters.values()}

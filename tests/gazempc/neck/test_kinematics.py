@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gazempc.neck.kinematics import (
@@ -17,12 +16,11 @@ from gazempc.neck.kinematics import (
 )
 from gazempc.neck.spec import Geometry
 
-Array = NDArray[np.float64]
 POINT = Geometry()
 OFFSET = Geometry(tilt_axis_in_pan_m=(0.07, -0.03, 0.05), eye_in_tilt_m=(0.04, 0.035, 0.06))
 
 
-def metres(limit_m: float) -> st.SearchStrategy[tuple[float, ...]]:
+def metres(limit_m):
     """Points on a grid of a tenth of a millimetre, zero included."""
     steps = round(limit_m * 1e4)
     return st.tuples(*[st.integers(-steps, steps).map(lambda i: i * 1e-4)] * 3)
@@ -32,14 +30,14 @@ offsets = metres(0.1)
 geometries = st.builds(Geometry, tilt_axis_in_pan_m=offsets, eye_in_tilt_m=offsets)
 
 
-def chain(geometry: Geometry, pan: float, tilt: float) -> tuple[Array, Array]:
+def chain(geometry, pan, tilt):
     """Eye and gaze by turning frames into one another; a positive turn about y brings x down, so tilt is negated."""
     pan_turn, tilt_turn = Rotation.from_euler("z", pan), Rotation.from_euler("y", -tilt)
     eye_in_pan = np.array(geometry.tilt_axis_in_pan_m) + tilt_turn.apply(geometry.eye_in_tilt_m)
     return pan_turn.apply(eye_in_pan), (pan_turn * tilt_turn).apply([1.0, 0.0, 0.0])
 
 
-def error_by_chain(geometry: Geometry, angles: Array, target: Array) -> float:
+def error_by_chain(geometry, angles, target):
     eye, gaze = chain(geometry, *angles)
     to_target = target - eye
     return float(np.arctan2(np.linalg.norm(np.cross(gaze, to_target)), gaze @ to_target))
@@ -48,12 +46,12 @@ def error_by_chain(geometry: Geometry, angles: Array, target: Array) -> float:
 # ---------------------------------------------------------------- eyes and body
 
 
-def turned(pan_rad: float, tilt_rad: float) -> Rotation:
+def turned(pan_rad, tilt_rad):
     return Rotation.from_euler("ZY", [pan_rad, -tilt_rad])
 
 
 @pytest.mark.parametrize("joints", [2, 3, 4, 5])
-def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints: int) -> None:
+def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints):
     for angles in np.random.default_rng(3).uniform(-0.6, 0.6, (20, joints)):
         pan, tilt = angles[0] + (angles[-1] if joints in (3, 5) else 0.0), angles[1]
         head = turned(pan, tilt)
@@ -64,7 +62,7 @@ def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints: i
         np.testing.assert_allclose(direction, (head * eye).apply([1.0, 0.0, 0.0]), atol=1e-12)
 
 
-def test_the_eyes_angles_look_at_the_target() -> None:
+def test_the_eyes_angles_look_at_the_target():
     rng = np.random.default_rng(3)
     heads = rng.uniform(-0.6, 0.6, (50, 2))
     targets = rng.uniform([1.0, -1.0, -0.5], [3.0, 1.0, 0.8], (50, 3))
@@ -80,9 +78,7 @@ def test_the_eyes_angles_look_at_the_target() -> None:
     direction=st.tuples(*[st.floats(-1, 1)] * 3),
     distance=st.floats(0.6, 10.0),  # farther than any part of the neck reaches
 )
-def test_look_at_looks_at_the_target(
-    geometry: Geometry, direction: tuple[float, float, float], distance: float
-) -> None:
+def test_look_at_looks_at_the_target(geometry, direction, distance):
     assume(np.linalg.norm(direction) > 0.1)
     target = distance * np.array(direction) / np.linalg.norm(direction)
     lateral = abs(geometry.tilt_axis_in_pan_m[1] + geometry.eye_in_tilt_m[1])
@@ -96,7 +92,7 @@ def test_look_at_looks_at_the_target(
 @pytest.mark.parametrize(
     "geometry", [POINT, Geometry(tilt_axis_in_pan_m=(0.07, 0.0, 0.05), eye_in_tilt_m=(0.02, 0.0, 0.06))]
 )
-def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry: Geometry, z: float) -> None:
+def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry, z):
     angles = look_at_rad(geometry, [0.0, 0.0, z])
     assert np.all(np.isfinite(angles))
     assert error_by_chain(geometry, angles, np.array([0.0, 0.0, z])) < 1e-9
@@ -106,7 +102,7 @@ def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry: Geometry, 
 
 
 @pytest.mark.parametrize("turns", [1.7, -1.7])
-def test_pan_is_continuous_round_the_robot(turns: float) -> None:
+def test_pan_is_continuous_round_the_robot(turns):
     angle = 2.0 + np.linspace(0.0, 2 * np.pi * turns, 200)
     targets = np.stack([3 * np.cos(angle), 3 * np.sin(angle), 0.3 * np.sin(3 * angle)], axis=-1)
     wrapped = look_at_rad(POINT, targets)
@@ -117,7 +113,7 @@ def test_pan_is_continuous_round_the_robot(turns: float) -> None:
 
 
 @given(first=st.floats(-3.14, 3.14), near=st.floats(-12, 12))
-def test_the_first_pan_is_within_half_a_turn_of_the_given_one(first: float, near: float) -> None:
+def test_the_first_pan_is_within_half_a_turn_of_the_given_one(first, near):
     pan = unwrap_pan(np.array([[first, 0.2]]), near, -np.inf, np.inf)[0, 0]
     assert abs(pan - near) <= np.pi + 1e-12
     assert np.exp(1j * pan) == pytest.approx(np.exp(1j * first), abs=1e-12)
@@ -127,7 +123,7 @@ def test_the_first_pan_is_within_half_a_turn_of_the_given_one(first: float, near
 
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-6, 1e-3])
-def test_small_gaze_errors_are_exact(angle: float) -> None:
+def test_small_gaze_errors_are_exact(angle):
     """arccos of a scalar product cannot tell 1e-9 rad from 0."""
     target = 3.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
     assert gaze_error_rad(POINT, [0.0, 0.0], target) == pytest.approx(angle, rel=1e-6)
@@ -148,14 +144,14 @@ def test_a_neck_is_sent_the_way_it_can_go():
 # ---------------------------------------------------------------- how uncertain a direction is
 
 
-def random_covariance(rng: np.random.Generator, deviation_m: float) -> Array:
+def random_covariance(rng, deviation_m):
     """Correlated in all three directions."""
     root = rng.normal(size=(3, 3))
     return np.asarray(deviation_m**2 * (root @ root.T), dtype=np.float64)
 
 
 @pytest.mark.parametrize("target", [[2.5, 0.0, 0.0], [1.5, 0.7, 0.4], [2.5, -1.0, -1.3], [-0.9, 0.2, 0.6]])
-def test_direction_deviations_are_those_of_the_derivative_of_look_at(target: list[float]) -> None:
+def test_direction_deviations_are_those_of_the_derivative_of_look_at(target):
     """Propagated with a Jacobian by central differences, neck without offsets."""
     step_m = 1e-6
     moves = np.concatenate([np.eye(3), -np.eye(3)]) * step_m
@@ -169,6 +165,6 @@ def test_direction_deviations_are_those_of_the_derivative_of_look_at(target: lis
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_direction_deviations_of_what_is_not_finite_are_nan(value: float) -> None:
+def test_direction_deviations_of_what_is_not_finite_are_nan(value):
     for target, covariance in (([2.0, value, 0.1], np.eye(3)), ([2.0, 0.3, 0.1], np.diag([1.0, value, 1.0]))):
         assert np.all(np.isnan(angle_deviations_rad(np.array(target), covariance)))

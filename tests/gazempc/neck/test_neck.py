@@ -2,13 +2,11 @@
 
 import re
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from pydantic import ValidationError
 from scipy import signal
 
@@ -16,11 +14,10 @@ from gazempc.errors import SettingsError
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import Axis, NeckSpec, load_neck, neck_names
 
-Array = NDArray[np.float64]
 REFERENCE_TOML = files("gazempc").joinpath("neck", "reference.toml").read_text(encoding="utf-8")
 
 
-def axis(**changes: float) -> Axis:
+def axis(**changes):
     figures = {
         "position_min_deg": -10.0,
         "position_max_deg": 20.0,
@@ -34,7 +31,7 @@ def axis(**changes: float) -> Axis:
     return Axis(**(figures | changes))
 
 
-def neck_of(pan: Axis, tilt: Axis | None = None) -> NeckSpec:
+def neck_of(pan, tilt=None):
     return NeckSpec(name="test", source="test", pan=pan, tilt=tilt or pan)
 
 
@@ -42,7 +39,7 @@ def neck_of(pan: Axis, tilt: Axis | None = None) -> NeckSpec:
 
 
 @pytest.mark.parametrize("name", neck_names())
-def test_every_shipped_neck_has_a_source_and_command_limits_inside_its_own(name: str) -> None:
+def test_every_shipped_neck_has_a_source_and_command_limits_inside_its_own(name):
     neck = load_neck(name)
     assert neck.name == name
     assert len(neck.source) > 20
@@ -59,14 +56,14 @@ def test_every_shipped_neck_has_a_source_and_command_limits_inside_its_own(name:
 
 
 @pytest.mark.parametrize(("zeta", "wn"), [(0.2, 3.0), (0.7, 12.0), (1.0, 12.0), (1.5, 12.0)])
-def test_servo_gain_is_the_integral_of_the_absolute_impulse_response(zeta: float, wn: float) -> None:
+def test_servo_gain_is_the_integral_of_the_absolute_impulse_response(zeta, wn):
     times_s = np.linspace(0.0, 40.0 / wn / min(zeta, 0.4), 30_001)
     _, response = signal.impulse(([wn**2], [1.0, 2 * zeta * wn, wn**2]), T=times_s)
     integral = np.trapezoid(np.abs(response), times_s)
     assert axis(natural_frequency_rad_s=wn, damping_ratio=zeta).servo_gain == pytest.approx(integral, rel=1e-4)
 
 
-def smooth(raw: Array, neck: NeckSpec) -> Array:
+def smooth(raw, neck):
     """A command within the limits of the first axis, from any signal in [-1, 1].
 
     A moving average over n samples of a signal in +-b changes by at most 2 b / n a sample; three of them bound
@@ -88,7 +85,7 @@ def smooth(raw: Array, neck: NeckSpec) -> Array:
     return centre + command
 
 
-def joint_that_follows(command: Array, neck: NeckSpec) -> Array:
+def joint_that_follows(command, neck):
     servo = DelayedServo(neck.pan, float(command[0]))
     joint = []
     for k, u in enumerate(command):
@@ -98,7 +95,7 @@ def joint_that_follows(command: Array, neck: NeckSpec) -> Array:
     return np.array(joint)
 
 
-def excess(joint: Array, neck: NeckSpec) -> float:
+def excess(joint, neck):
     """How far the joint gets, as a share of the limit that it comes nearest to (1 is on the limit)."""
     centre = 0.5 * (neck.position_max_rad[0] + neck.position_min_rad[0])
     shares = [float(np.max(np.abs(joint - centre))) / float(neck.position_max_rad[0] - centre)]
@@ -114,15 +111,13 @@ def excess(joint: Array, neck: NeckSpec) -> float:
     levels=st.lists(st.tuples(st.sampled_from([-1.0, 0.0, 1.0]), st.integers(5, 120)), min_size=2, max_size=12),
 )
 @example(zeta=0.2, jerk=5000.0, levels=[((-1.0) ** i, 53) for i in range(12)])
-def test_a_command_within_its_limits_keeps_the_joint_within_its_own(
-    zeta: float, jerk: float, levels: list[tuple[float, int]]
-) -> None:
+def test_a_command_within_its_limits_keeps_the_joint_within_its_own(zeta, jerk, levels):
     neck = neck_of(axis(damping_ratio=zeta, jerk_max_rad_s3=jerk))
     raw = np.concatenate([np.full(ticks, level) for level, ticks in levels])
     assert excess(joint_that_follows(smooth(raw, neck), neck), neck) <= 1.0 + 1e-9
 
 
-def test_the_command_limits_are_not_needlessly_tight() -> None:
+def test_the_command_limits_are_not_needlessly_tight():
     """The worst command, which reverses at the servo's resonance, brings a lively joint to its limit."""
     neck = neck_of(axis(damping_ratio=0.3, velocity_max_rad_s=50.0, acceleration_max_rad_s2=1e4, jerk_max_rad_s3=1e7))
     half_period = round(np.pi / (12.0 * np.sqrt(1 - 0.3**2)) / neck.servo_period_s)
@@ -131,7 +126,7 @@ def test_the_command_limits_are_not_needlessly_tight() -> None:
 
 
 @pytest.mark.parametrize(("low", "high", "rests_at"), [(-10, 10, "0"), (15, 40, "low"), (-60, -20, "high")])
-def test_rest_is_straight_ahead_or_as_near_as_the_limits_allow(low: float, high: float, rests_at: str) -> None:
+def test_rest_is_straight_ahead_or_as_near_as_the_limits_allow(low, high, rests_at):
     neck = neck_of(axis(), axis(position_min_deg=low, position_max_deg=high, damping_ratio=0.5))
     limits = neck.command_limits
     expected = {"0": 0.0, "low": limits.position_min_rad[1], "high": limits.position_max_rad[1]}[rests_at]
@@ -142,7 +137,7 @@ def test_rest_is_straight_ahead_or_as_near_as_the_limits_allow(low: float, high:
 # ---------------------------------------------------------------- bad files
 
 
-def refusal(tmp_path: Path, text: str | bytes) -> list[str]:
+def refusal(tmp_path, text):
     """Lines of the error that a file with this text raises, each checked to begin with the file's path."""
     path = tmp_path / "mine.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -153,7 +148,7 @@ def refusal(tmp_path: Path, text: str | bytes) -> list[str]:
     return [line.removeprefix(f"{path}: ") for line in lines]
 
 
-def changed(*changes: tuple[str, str]) -> str:
+def changed(*changes):
     """The reference file with the first occurrence of each text replaced."""
     text = REFERENCE_TOML
     for old, new in changes:
@@ -163,7 +158,7 @@ def changed(*changes: tuple[str, str]) -> str:
 
 
 @pytest.mark.parametrize("field", [name for name, field in Axis.model_fields.items() if field.is_required()])
-def test_a_missing_figure_names_a_rule_of_thumb(tmp_path: Path, field: str) -> None:
+def test_a_missing_figure_names_a_rule_of_thumb(tmp_path, field):
     text = re.sub(rf"^{field} = .*\n", "", REFERENCE_TOML, count=1, flags=re.MULTILINE)
     (line,) = refusal(tmp_path, text)
     assert re.match(rf"pan\.{field}: Field required; rule of thumb: \S", line)
@@ -183,11 +178,11 @@ def test_a_missing_figure_names_a_rule_of_thumb(tmp_path: Path, field: str) -> N
         (("[tilt]", "[roll]"), r"roll: unknown field; .*accepted: .*tilt"),
     ],
 )  # fmt: skip
-def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path: Path, change: tuple[str, str], line: str) -> None:
+def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path, change, line):
     assert any(re.match(line, found) for found in refusal(tmp_path, changed(change)))
 
 
-def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
+def test_an_unknown_name_is_refused_with_the_nearest_one():
     with pytest.raises(
         SettingsError, match=r"no neck file 'referense'.*perhaps you meant 'reference'; accepted: .*slow"
     ):

@@ -2,24 +2,22 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from gazempc.neck.servo import DelayedServo, servo_model, zero_order_hold
-from gazempc.neck.spec import Axis, load_neck
+from gazempc.neck.spec import load_neck
 
-Array = NDArray[np.float64]
 REFERENCE = load_neck("reference").pan
 TICK_S = 0.005
 DEAD_TIMES_S = [0.4012, 0.003, 0.0]
 
 
-def axis(dead_time_s: float, wn: float = 12.0, zeta: float = 0.9) -> Axis:
+def axis(dead_time_s, wn=12.0, zeta=0.9):
     changes = {"dead_time_s": dead_time_s, "natural_frequency_rad_s": wn, "damping_ratio": zeta}
     return REFERENCE.model_copy(update=changes)
 
 
-def step_response(times_s: Array, wn: float, zeta: float) -> Array:
+def step_response(times_s, wn, zeta):
     """Closed form of the response to a unit step at 0, zero before it."""
     t = np.maximum(times_s, 0.0)
     if zeta == 1.0:
@@ -30,7 +28,7 @@ def step_response(times_s: Array, wn: float, zeta: float) -> Array:
     return np.real(response)
 
 
-def replay(joint: Axis, commands: Array, look_s: Array, period_s: float = TICK_S) -> Array:
+def replay(joint, commands, look_s, period_s=TICK_S):
     """Positions at given times of a joint that starts at 0 and is sent one command a period, from time 0 on."""
     servo = DelayedServo(joint, 0.0)
     sends = [(k * period_s, 1, float(u)) for k, u in enumerate(commands)]
@@ -50,7 +48,7 @@ def replay(joint: Axis, commands: Array, look_s: Array, period_s: float = TICK_S
 
 @pytest.mark.parametrize("zeta", [0.2, 1.0, 2.0])
 @pytest.mark.parametrize("dt_s", [1e-6, 0.005, 0.3])
-def test_zero_order_hold_is_the_matrix_exponential(zeta: float, dt_s: float) -> None:
+def test_zero_order_hold_is_the_matrix_exponential(zeta, dt_s):
     wn = 12.0
     augmented = np.array([[0.0, 1.0, 0.0], [-(wn**2), -2 * zeta * wn, wn**2], [0.0, 0.0, 0.0]])
     joint = axis(0.0, wn, zeta)
@@ -63,7 +61,7 @@ def test_zero_order_hold_is_the_matrix_exponential(zeta: float, dt_s: float) -> 
 
 @pytest.mark.parametrize("zeta", [0.3, 1.0, 1.6])
 @pytest.mark.parametrize("dead_time_s", DEAD_TIMES_S)
-def test_the_sum_of_all_steps_is_the_motion(dead_time_s: float, zeta: float) -> None:
+def test_the_sum_of_all_steps_is_the_motion(dead_time_s, zeta):
     """Random commands as steps, each answered by the closed form."""
     commands = np.random.default_rng(6).uniform(-1, 1, 120)
     look_s = np.linspace(0.0011, 0.9, 77)
@@ -72,7 +70,7 @@ def test_the_sum_of_all_steps_is_the_motion(dead_time_s: float, zeta: float) -> 
     np.testing.assert_allclose(replay(axis(dead_time_s, zeta=zeta), commands, look_s)[:, 0], expected, atol=1e-9)
 
 
-def test_a_whole_dead_time_in_decimal_seconds_ends_on_the_tick() -> None:
+def test_a_whole_dead_time_in_decimal_seconds_ends_on_the_tick():
     """0.4 s is 80 ticks; rounding of k * 0.005 + 0.4 must not make it 81."""
     for start in range(0, 4000, 37):
         servo = DelayedServo(axis(0.4), 0.0, time_s=start * TICK_S)

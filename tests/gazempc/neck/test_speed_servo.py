@@ -13,12 +13,12 @@ REFERENCE = load_neck("reference").pan
 SPEEDS = ((0.0, 0.5), (0.1, -0.8), (0.37, 0.0), (0.5, 0.3))
 
 
-def speed_axis(dead_time_s: float, zeta: float = 0.9) -> Axis:
+def speed_axis(dead_time_s, zeta=0.9):
     changes = {"command": "velocity", "dead_time_s": dead_time_s, "damping_ratio": zeta}
     return REFERENCE.model_copy(update=changes)
 
 
-def integrated(axis: Axis, until_s: float) -> tuple[float, float]:
+def integrated(axis, until_s):
     """Velocity servo and its integral, by scipy, piece by piece between the times at which the speed changes."""
     wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
     state, now_s, speed = np.zeros(3), 0.0, 0.0
@@ -26,7 +26,7 @@ def integrated(axis: Axis, until_s: float) -> tuple[float, float]:
         end_s = min(sent_s + axis.dead_time_s, until_s)
         if end_s > now_s:
 
-            def rates(_: float, x: np.ndarray, c: float = speed) -> list[float]:
+            def rates(_, x, c=speed):
                 return [x[1], x[2], wn**2 * (c - x[1]) - 2.0 * zeta * wn * x[2]]
 
             state = solve_ivp(rates, (now_s, end_s), state, rtol=1e-10, atol=1e-12).y[:, -1]
@@ -36,7 +36,7 @@ def integrated(axis: Axis, until_s: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("zeta", [0.4, 1.0, 2.0])
-def test_speeds_move_the_joint_as_in_scipy(zeta: float) -> None:
+def test_speeds_move_the_joint_as_in_scipy(zeta):
     axis = speed_axis(0.123, zeta)
     servo = DelayedServo(axis, 0.0)
     for sent_s, speed in SPEEDS:
@@ -47,7 +47,7 @@ def test_speeds_move_the_joint_as_in_scipy(zeta: float) -> None:
         assert servo.state == pytest.approx(integrated(axis, until_s), abs=1e-8)
 
 
-def test_the_joint_ends_at_its_stops_and_leaves_them_at_once() -> None:
+def test_the_joint_ends_at_its_stops_and_leaves_them_at_once():
     servo = DelayedServo(speed_axis(0.0, 1.0), 0.0, stops_rad=(-0.1, 0.2))
     servo.send(1.0)
     servo.advance_to(5.0)
@@ -58,6 +58,6 @@ def test_the_joint_ends_at_its_stops_and_leaves_them_at_once() -> None:
     assert servo.state == pytest.approx((0.2 - 0.05 * (2.0 - lag_s), -0.05), abs=1e-6)
 
 
-def test_a_load_that_a_speed_cannot_have_is_refused() -> None:
+def test_a_load_that_a_speed_cannot_have_is_refused():
     with pytest.raises(ValidationError, match="load_offset_deg"):
         Axis.model_validate(speed_axis(0.1).model_dump() | {"load_offset_deg": 1.0})

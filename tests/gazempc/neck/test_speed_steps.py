@@ -16,7 +16,7 @@ SPEEDS = st.lists(st.floats(1e-3, 10.0), min_size=1, max_size=20).map(lambda eac
 
 
 @given(SPEEDS, SPEEDS, st.floats(-12.0, 12.0))
-def test_the_nearest_step_is_nearer_than_all_others(up: tuple, down: tuple, wanted: float) -> None:
+def test_the_nearest_step_is_nearer_than_all_others(up, down, wanted):
     steps = SpeedSteps(positive_rad_s=up, negative_rad_s=down)
     found = steps.step(wanted)
     assert -len(down) <= found <= len(up)
@@ -25,7 +25,7 @@ def test_the_nearest_step_is_nearer_than_all_others(up: tuple, down: tuple, want
     assert abs(by_hand - wanted) == min(abs(speed - wanted) for speed in (0.0, *up, *(-speed for speed in down)))
 
 
-def test_a_table_in_a_neck_file(tmp_path) -> None:
+def test_a_table_in_a_neck_file(tmp_path):
     steps = "speed_steps = { positive_rad_s = [0.1, 0.5, 1.4], negative_rad_s = [0.2, 1.5] }\n"
     text = files("gazempc.neck").joinpath("ptz.toml").read_text().replace("[tilt]", steps + "\n[tilt]")
     path = tmp_path / "own.toml"
@@ -45,6 +45,6 @@ def test_a_table_in_a_neck_file(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("wrong", [(), (0.2, 0.1), (0.0, 0.1), (-0.1, 0.1)])
-def test_refused_tables(wrong: tuple) -> None:
+def test_refused_tables(wrong):
     with pytest.raises(ValidationError):
         SpeedSteps(positive_rad_s=(0.1,), negative_rad_s=wrong)

@@ -157,7 +157,7 @@ def test_a_predictor_takes_in_waiting_observations_when_asked():
 @given(st.data())
 def test_no_frame_has_a_person_twice_and_numbers_are_never_given_again(data):
     crowd = people()
-    seen: set[int] = set()
+    seen = set()
     numbers = st.floats(-1e3, 1e3)
     for k in range(8):
         count = data.draw(st.integers(0, 5))

@@ -10,7 +10,7 @@ from gazempc.loop.track import PersonTrack
 from gazempc.people.tracker_faults import TrackStart
 from gazempc.settings import LoopSettings
 from gazempc.types import CameraView, Sighting
-from predictors import ConstantVelocity, Forecast, HeadObservation, OutOfOrderError, Walker
+from predictors import ConstantVelocity, HeadObservation, OutOfOrderError, Walker
 
 LATER_S = np.arange(0.5, 1.3, 0.1)
 
@@ -32,7 +32,7 @@ def taken_in(predictor, frames):
     return predictor.forecast(LATER_S)
 
 
-def assert_same(one: Forecast, other: Forecast):
+def assert_same(one, other):
     assert np.array_equal(one.means_base_m, other.means_base_m)
     assert np.array_equal(one.covariances_m2, other.covariances_m2)
 

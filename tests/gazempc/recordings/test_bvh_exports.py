@@ -72,7 +72,7 @@ def test_names_and_feet_that_contradict_are_asked_about(tmp_path):
 
 
 # Without toes and names the skeleton is the same from front and back.
-NO_FEET = sk.body("0", ["1", "2"], "Head", (list("abc"), list("def")), (list("ghij"), list("klmn")))
+NO_FEET = sk.body("0", ["1", "2"], "Head", ("a{}", "b{}"), "1 2 3", "4 5 6 7")
 
 
 def test_without_feet_a_walk_shows_the_facing_and_a_standing_person_is_asked_about(tmp_path):

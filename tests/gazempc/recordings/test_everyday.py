@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from gazempc.recordings.readers.labels import travel
-from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.everyday import everyday_names, generate_everyday
 
 STANDING = ("stand", "gesture", "turn_on_spot")
 
 
 @pytest.fixture(scope="module")
-def people() -> dict[str, Recording]:
+def people():
     return {name: generate_everyday(name) for name in everyday_names()}
 
 

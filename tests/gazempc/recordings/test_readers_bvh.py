@@ -1,10 +1,5 @@
 """BVH: hand-computed skeletons come back in the package's axes; damage is named with file, line, remedy."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from builders.recordings import assert_refused
@@ -12,7 +7,6 @@ from builders.recordings import assert_refused
 from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.recording import Recording
 
 N = 30
 
@@ -61,7 +55,7 @@ Frame Time: 0.0083333333
 """
 
 
-def turn(axis: str, deg: float) -> np.ndarray:
+def turn(axis, deg):
     a, b = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
     matrix = np.eye(3)
     matrix[[a, b], [a, b]] = np.cos(np.radians(deg))
@@ -70,7 +64,7 @@ def turn(axis: str, deg: float) -> np.ndarray:
     return matrix
 
 
-def matrices(quat_wxyz: np.ndarray) -> np.ndarray:
+def matrices(quat_wxyz):
     """Rotation matrices by the textbook formula, shape (N, 3, 3)."""
     w, x, y, z = quat_wxyz.T
     rows = [
@@ -81,19 +75,19 @@ def matrices(quat_wxyz: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def write(path: Path, head: str, frames: list[list[float]]) -> Path:
+def write(path, head, frames):
     lines = [" ".join(repr(float(v)) for v in frame) for frame in frames]
     path.write_text(head.replace("{count}", str(len(frames))) + "\n".join(lines) + "\n", encoding="utf-8")
     return path
 
 
-def y_up_frames() -> list[list[float]]:
+def y_up_frames():
     """Hips z 5, x 3, y (yaw) 40; legs still; spine yaw -10; head z 2, x -8, y 25 degrees; walking along z."""
     legs = [0.0] * 6
     return [[10, 95, 1.0 * k, 5, 3, 40, *legs, 0, 0, -10, 2, -8, 25] for k in range(N)]
 
 
-def test_y_up_zxy_by_hand(tmp_path: Path) -> None:
+def test_y_up_zxy_by_hand(tmp_path):
     recording = load(write(tmp_path / "mia_01.bvh", Y_UP, y_up_frames()))
     hips = turn("z", 5) @ turn("x", 3) @ turn("y", 40)
     spine = hips @ turn("y", -10)
@@ -111,7 +105,7 @@ def test_y_up_zxy_by_hand(tmp_path: Path) -> None:
     assert (recording.name, recording.labels.subject, recording.labels.group) == ("mia_01", "mia", "standing")
 
 
-def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path: Path) -> None:
+def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path):
     """The Y-up skeleton in a Z-up file: every frame turns the hips by +90 deg about x."""
     head = Y_UP.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
     frames = [[0, -1.0 * k, 95, 90, 30, 0, *[0.0] * 12] for k in range(N)]
@@ -123,11 +117,11 @@ def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[0], expected, atol=1e-12)
 
 
-def test_options_override_what_the_file_says(tmp_path: Path) -> None:
+def test_options_override_what_the_file_says(tmp_path):
     path = write(tmp_path / "a.bvh", Y_UP, y_up_frames())
     usual = load(path)
 
-    def with_options(**options: object) -> Recording:
+    def with_options(**options):
         return load(path, ReadOptions.model_validate(options))
 
     np.testing.assert_allclose(with_options(bvh_frame_rate_hz=60.0).times_s, np.arange(N) / 60.0)
@@ -155,7 +149,7 @@ def test_options_override_what_the_file_says(tmp_path: Path) -> None:
         ("Actor:Pelvis", "Actor:leg_L", "Actor:leg_R", "Actor:HEAD"),
     ],
 )
-def test_joints_are_found_under_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
+def test_joints_are_found_under_many_names(tmp_path, names):
     text = Y_UP
     for usual, name in zip(("ROOT Hips", "JOINT LeftUpLeg", "JOINT RightUpLeg", "JOINT Head"), names, strict=True):
         text = text.replace(usual, f"{usual.split()[0]} {name}")
@@ -165,7 +159,7 @@ def test_joints_are_found_under_many_names(tmp_path: Path, names: tuple[str, ...
     np.testing.assert_allclose(recording.truth.head_position_m, usual_recording.truth.head_position_m)
 
 
-def test_a_person_who_sits_has_the_unit_of_the_rest_pose(tmp_path: Path) -> None:
+def test_a_person_who_sits_has_the_unit_of_the_rest_pose(tmp_path):
     """Legs lifted by 60 degrees: 1.15 m high in centimetres, as a person in no unit; 1.6 m at rest."""
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, 60, 0, 0, 60, 0, *[0.0] * 6] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
@@ -173,7 +167,7 @@ def test_a_person_who_sits_has_the_unit_of_the_rest_pose(tmp_path: Path) -> None
     assert "unit cm (1.60 m high in the rest pose)" in recording.notes[0]
 
 
-def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path: Path) -> None:
+def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path):
     """Legs point backwards at rest, where 70 units of height would be a person in inches, and down in the motion."""
     legs_back = Y_UP.replace("OFFSET 0.0 -90.0 0.0", "OFFSET 0.0 0.0 -90.0")
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, -90, 0, 0, -90, 0, *[0.0] * 6] for k in range(N)]
@@ -182,33 +176,32 @@ def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path: Path) -> None
     assert "facing z at rest (by left and right joints)" in recording.notes[0]
 
 
-def test_first_frame_in_the_rest_pose_is_left_out(tmp_path: Path) -> None:
+def test_first_frame_in_the_rest_pose_is_left_out(tmp_path):
     frames = y_up_frames()
     recording = load(write(tmp_path / "a.bvh", Y_UP, [[0.0] * len(frames[0]), *frames]))
     plain = load(write(tmp_path / "b.bvh", Y_UP, frames))
     np.testing.assert_array_equal(recording.truth.head_position_m, plain.truth.head_position_m)
 
 
-Change = Callable[[list[str]], object]
 FIRST = len(Y_UP.splitlines())  # index of the first frame's line
 
 
-def _line(number: int, text: str) -> Change:
-    def change(lines: list[str]) -> None:
+def _line(number, text):
+    def change(lines):
         lines[number - 1] = text
 
     return change
 
 
-def _cut(count: int) -> Change:
-    def change(lines: list[str]) -> None:
+def _cut(count):
+    def change(lines):
         del lines[count:]
 
     return change
 
 
-def _replace(old: str, new: str) -> Change:
-    def change(lines: list[str]) -> None:
+def _replace(old, new):
+    def change(lines):
         lines[:] = "\n".join(lines).replace(old, new).splitlines()
 
     return change
@@ -231,7 +224,7 @@ def _replace(old: str, new: str) -> Change:
         (_replace("-90.0", "-900.0"), ["m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
     ],
 )
-def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> None:
+def test_damage_is_named(tmp_path, change, named):
     path = write(tmp_path / "walk.bvh", Y_UP, y_up_frames())
     lines = path.read_text(encoding="utf-8").splitlines()
     change(lines)
@@ -239,7 +232,7 @@ def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> No
     assert_refused(path, str(path), "Expected: ", *named)
 
 
-def test_a_person_lying_down_has_no_up_axis(tmp_path: Path) -> None:
+def test_a_person_lying_down_has_no_up_axis(tmp_path):
     frames = [[0, 95, 0, 0, 45, 0, *[0.0] * 12] for _ in range(N)]
     with pytest.raises(RecordingError, match=r"no axis points up.*bvh_up_axis"):
         load(write(tmp_path / "a.bvh", Y_UP, frames))

@@ -1,15 +1,11 @@
 """Azure Kinect JSON: known motion comes back in level axes; damage is named with file, place and remedy."""
 
-from __future__ import annotations
-
 import copy
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from builders.kinect import LEFT, NAMES, START_USEC, STEP_USEC, UP, N, body, document, pelvis_path_m
 from builders.recordings import assert_refused
 from scipy.spatial.transform import Rotation
 
@@ -17,80 +13,22 @@ from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 
-N = 40
-START_USEC = 5_000_000_000
-STEP_USEC = 33_333
-LEFT, UP = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-# Not the SDK's order on purpose: joints are found by name.
-NAMES = ["EAR_RIGHT", "NECK", "NOSE", "PELVIS", "FOOT_LEFT", "HEAD", "EAR_LEFT"]
 
-
-def camera_from_level(level: np.ndarray, pitch_deg: float) -> np.ndarray:
-    """By hand: what a camera at the origin, looking up by the pitch, sees of a vector (forward, left, up)."""
-    forward, left, up = level
-    c, s = np.cos(np.radians(pitch_deg)), np.sin(np.radians(pitch_deg))
-    along, above = c * forward + s * up, -s * forward + c * up
-    return np.array([-left, -above, along])  # x right, y down, z forward
-
-
-def joint_quat_wxyz(yaw_deg: float, pitch_deg: float) -> list[float]:
-    """Joint whose +X is up, +Y faces the yaw (from the camera's forward to the left), +Z is to that left."""
-    c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
-    columns = [camera_from_level(np.array(v), pitch_deg) for v in ([0, 0, 1.0], [c, s, 0.0], [-s, c, 0.0])]
-    x, y, z, w = Rotation.from_matrix(np.column_stack(columns)).as_quat()
-    return [w, x, y, z]
-
-
-def body(body_id: int, pelvis_m: np.ndarray, pelvis_yaw: float, head_yaw: float, pitch: float) -> dict[str, Any]:
-    turn = Rotation.from_euler("z", head_yaw, degrees=True)
-    head_m = pelvis_m + 0.6 * UP
-    level = {
-        "PELVIS": pelvis_m,
-        "HEAD": head_m,
-        "NOSE": head_m + turn.apply([0.12, 0.0, 0.02]),
-        "EAR_LEFT": head_m + turn.apply([0.0, 0.08, 0.0]),
-        "EAR_RIGHT": head_m + turn.apply([0.0, -0.08, 0.0]),
-        "NECK": pelvis_m + 0.4 * UP,
-        "FOOT_LEFT": pelvis_m - 0.9 * UP,
-    }
-    yaw = {name: pelvis_yaw if name in ("PELVIS", "NECK", "FOOT_LEFT") else head_yaw for name in NAMES}
-    return {
-        "body_id": body_id,
-        "joint_positions": [(1000.0 * camera_from_level(level[name], pitch)).tolist() for name in NAMES],
-        "joint_orientations": [joint_quat_wxyz(yaw[name], pitch) for name in NAMES],
-    }
-
-
-def pelvis_path_m() -> np.ndarray:
-    """From 4 m ahead to 3 m ahead, a metre to the left, a little under the camera."""
-    t = np.arange(N) / 30.0
-    return np.column_stack([4.0 - 0.75 * t, np.full(N, 1.0), np.full(N, -0.2)])
-
-
-def document(pitch: float = 0.0, pelvis_yaw: float = 170.0, head_yaw: float = -150.0) -> dict[str, Any]:
-    frames = [
-        {"timestamp_usec": START_USEC + k * STEP_USEC, "bodies": [body(7, place, pelvis_yaw, head_yaw, pitch)]}
-        for k, place in enumerate(pelvis_path_m())
-    ]
-    return {"k4abt_sdk_version": "1.1.2", "joint_names": NAMES, "bone_list": [], "frames": frames}
-
-
-def write(path: Path, content: dict[str, Any]) -> Path:
+def write(path, content):
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
 
 
-def yaw_deg(quat_wxyz: np.ndarray) -> np.ndarray:
+def yaw_deg(quat_wxyz):
     w, x, y, z = quat_wxyz.T
     return np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
 @pytest.mark.parametrize(("pitch", "joint"), [(12.0, "nose"), (-20.0, "head")])
-def test_a_known_walk_is_read_back_level(tmp_path: Path, pitch: float, joint: str) -> None:
+def test_a_known_walk_is_read_back_level(tmp_path, pitch, joint):
     path = write(tmp_path / "eva_R3.json", document(pitch))
     options = ReadOptions.model_validate({"kinect_camera_pitch_deg": pitch, "kinect_head_joint": joint})
     recording = load(path, options)
-    assert recording.measured is not None
     np.testing.assert_allclose(recording.times_s, np.arange(N) * STEP_USEC * 1e-6, atol=1e-9)
     nose = Rotation.from_euler("z", -150.0, degrees=True).apply([0.12, 0.0, 0.02]) if joint == "nose" else 0.0
     for track in (recording.measured, recording.truth):
@@ -105,12 +43,11 @@ def test_a_known_walk_is_read_back_level(tmp_path: Path, pitch: float, joint: st
     assert (recording.name, recording.labels.subject, recording.labels.group) == ("eva_R3", "eva", "straight")
 
 
-def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path: Path) -> None:
+def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path):
     content = document()
     for k in [0, 1, 10, 11, 12, N - 1]:
         content["frames"][k]["bodies"] = []
     recording = load(write(tmp_path / "a.json", content))
-    assert recording.measured is not None
     np.testing.assert_allclose(recording.times_s, np.arange(N - 3) * STEP_USEC * 1e-6, atol=1e-9)
     unseen = np.flatnonzero(~recording.truth.valid)
     np.testing.assert_array_equal(unseen, [8, 9, 10])
@@ -120,7 +57,7 @@ def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path: Path) -> None
     np.testing.assert_allclose(recording.truth.pelvis_position_m[-1], pelvis_path_m()[N - 2], atol=1e-6)
 
 
-def test_of_several_bodies_the_longest_or_the_wanted_one_is_read(tmp_path: Path) -> None:
+def test_of_several_bodies_the_longest_or_the_wanted_one_is_read(tmp_path):
     content = document()
     for frame, place in list(zip(content["frames"], pelvis_path_m(), strict=True))[5:30]:
         frame["bodies"].insert(0, body(3, place - 2.0 * LEFT, 0.0, 0.0, 0.0))
@@ -133,19 +70,16 @@ def test_of_several_bodies_the_longest_or_the_wanted_one_is_read(tmp_path: Path)
         load(path, ReadOptions(kinect_body_id=5))
 
 
-Change = Callable[[dict[str, Any]], object]
-
-
-def joints(content: dict[str, Any], frame: int, key: str = "joint_positions") -> Any:
+def joints(content, frame, key="joint_positions"):
     return content["frames"][frame]["bodies"][0][key]
 
 
-def _metres(content: dict[str, Any]) -> None:
+def _metres(content):
     for k in range(N):
         joints(content, k)[:] = [[1e-3 * v for v in xyz] for xyz in joints(content, k)]
 
 
-def _turn_noses(content: dict[str, Any]) -> None:
+def _turn_noses(content):
     """The axes of the joint NOSE are turned by 90 degrees about up."""
     for k in range(N):
         entry = joints(content, k, "joint_orientations")[NAMES.index("NOSE")]
@@ -153,10 +87,10 @@ def _turn_noses(content: dict[str, Any]) -> None:
         entry[:] = turn.as_quat(scalar_first=True).tolist()
 
 
-def _put(value: Any, *keys: Any) -> Change:
+def _put(value, *keys):
     """Another value at a place; None takes the key away."""
 
-    def change(content: Any) -> None:
+    def change(content):
         for key in keys[:-1]:
             content = content[key]
         content[keys[-1]] = value
@@ -188,7 +122,7 @@ NOSE = NAMES.index("NOSE")
         (_turn_noses, ["NOSE", "90 deg from the face"]),
     ],
 )
-def test_damage_is_named(tmp_path: Path, change: Change, named: list[str]) -> None:
+def test_damage_is_named(tmp_path, change, named):
     content = copy.deepcopy(document())
     change(content)
     path = write(tmp_path / "walk.json", content)

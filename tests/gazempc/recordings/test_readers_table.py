@@ -1,11 +1,7 @@
 """CSV and Parquet: what is written is read back; all damage is named with file, place and remedy."""
 
-from __future__ import annotations
-
 import csv
 import os
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -20,10 +16,9 @@ from gazempc.recordings.readers.labels import route_group
 from gazempc.recordings.readers.tables.people import COLUMNS
 
 N = 60
-Rows = list[list[str]]
 
 
-def walk_values() -> np.ndarray:
+def walk_values():
     """A person who walks along a line with the head turned by 30 deg, shape (N, 15)."""
     t = np.arange(N) / 30.0
     pelvis = np.column_stack([1.2 * t, 0.02 * np.sin(2 * np.pi * t), np.full(N, 0.95)])
@@ -33,18 +28,18 @@ def walk_values() -> np.ndarray:
     return np.column_stack([t, head, head_q, pelvis, pelvis_q])
 
 
-def table_rows(values: np.ndarray | None = None) -> Rows:
+def table_rows(values=None):
     values = walk_values() if values is None else values
     return [list(COLUMNS), *[[repr(float(v)) for v in row] for row in values]]
 
 
-def write_rows(path: Path, rows: Rows) -> Path:
+def write_rows(path, rows):
     with path.open("w", newline="", encoding="utf-8") as stream:
         csv.writer(stream).writerows(rows)
     return path
 
 
-def test_labels_come_from_the_index_beside_the_file(tmp_path: Path) -> None:
+def test_labels_come_from_the_index_beside_the_file(tmp_path):
     write_rows(tmp_path / "walk7.csv", table_rows())
     header = ["clip", "x", "subject", "group", "source_description"]
     write_rows(tmp_path / "index.csv", [header, ["walk7", "", "p3", "sharp", "round a chair"]])
@@ -61,9 +56,7 @@ PARTS = {"head_quat_wxyz": slice(4, 8), "pelvis_position_m": slice(8, 11), "pelv
     ("ending", "given"),
     [("csv", ()), ("csv", tuple(PARTS)), ("parquet", ("pelvis_position_m",)), ("parquet", tuple(PARTS))],
 )
-def test_tables_are_read_back_and_missing_columns_are_unknown_parts(
-    tmp_path: Path, ending: str, given: tuple[str, ...]
-) -> None:
+def test_tables_are_read_back_and_missing_columns_are_unknown_parts(tmp_path, ending, given):
     values = walk_values()
     kept = [k for k in range(15) if k < 4 or any(k in range(15)[PARTS[name]] for name in given)]
     path = tmp_path / f"anna_1.{ending}"
@@ -81,7 +74,7 @@ def test_tables_are_read_back_and_missing_columns_are_unknown_parts(
     assert (recording.kind, recording.measured, recording.has_robot) == ("motion capture", None, False)
 
 
-def heads(times_s: np.ndarray, head_m: np.ndarray) -> Rows:
+def heads(times_s, head_m):
     values = np.column_stack([times_s, head_m])
     return [list(COLUMNS[:4]), *[[repr(float(v)) for v in row] for row in values]]
 
@@ -93,30 +86,28 @@ def heads(times_s: np.ndarray, head_m: np.ndarray) -> Rows:
         (1.0, [2, 1, 0], ["z does not point up", "4.72 m along z", "metres with z up"]),
     ],
 )
-def test_heads_in_another_unit_or_with_another_axis_up_are_refused(
-    tmp_path: Path, factor: float, order: list[int], named: list[str]
-) -> None:
+def test_heads_in_another_unit_or_with_another_axis_up_are_refused(tmp_path, factor, order, named):
     t = np.arange(60) / 15.0
     head_m = np.column_stack([1.2 * t, 0.02 * np.sin(6.0 * t), np.full(60, 1.7)])
     assert_refused(write_rows(tmp_path / "a.csv", heads(t, factor * head_m[:, order])), *named)
 
 
-def test_a_thousand_frames_a_second_with_unix_times_are_read(tmp_path: Path) -> None:
+def test_a_thousand_frames_a_second_with_unix_times_are_read(tmp_path):
     """The spacing of double-precision numbers at 1.7e9 is 2.4e-7."""
     t = 1_700_000_000.0 + np.arange(2000) / 1000.0
     head_m = np.column_stack([1.2 * (t - t[0]), np.zeros(2000), np.full(2000, 1.7)])
     assert load(write_rows(tmp_path / "fast.csv", heads(t, head_m))).times_s.size == 2000
 
 
-def _set(row: int, column: str, text: str) -> Callable[[Rows], None]:
-    def change(rows: Rows) -> None:
+def _set(row, column, text):
+    def change(rows):
         rows[row - 1][COLUMNS.index(column)] = text
 
     return change
 
 
-def _scale(columns: str, factor: float) -> Callable[[Rows], None]:
-    def change(rows: Rows) -> None:
+def _scale(columns, factor):
+    def change(rows):
         for row in rows[1:]:
             for k, name in enumerate(COLUMNS):
                 if name in columns:
@@ -128,7 +119,7 @@ def _scale(columns: str, factor: float) -> Callable[[Rows], None]:
 POSITIONS = "head_x head_y head_z pelvis_x pelvis_y pelvis_z"
 
 
-def _swap_y_and_z(rows: Rows) -> None:
+def _swap_y_and_z(rows):
     for row in rows[1:]:
         row[2], row[3], row[9], row[10] = row[3], row[2], row[10], row[9]
 
@@ -156,7 +147,7 @@ def _swap_y_and_z(rows: Rows) -> None:
         (_swap_y_and_z, ["z does not point up", "(0.00, 0.60, 0.00) m", "z up"]),
     ],
 )
-def test_damage_is_named(tmp_path: Path, change: Callable[[Rows], object], named: list[str]) -> None:
+def test_damage_is_named(tmp_path, change, named):
     rows = table_rows()
     change(rows)
     path = write_rows(tmp_path / "walk.csv", rows)
@@ -164,7 +155,7 @@ def test_damage_is_named(tmp_path: Path, change: Callable[[Rows], object], named
 
 
 @pytest.mark.parametrize(("column", "cell"), [("t", ""), ("head_x", "NaN"), ("t", "null"), ("head_x", "-inf")])
-def test_rows_without_time_or_head_are_dropped_and_counted(tmp_path: Path, column: str, cell: str) -> None:
+def test_rows_without_time_or_head_are_dropped_and_counted(tmp_path, column, cell):
     rows = table_rows()
     for line in (9, 30):
         _set(line, column, cell)(rows)
@@ -173,7 +164,7 @@ def test_rows_without_time_or_head_are_dropped_and_counted(tmp_path: Path, colum
     assert "2 of 60 rows" in recording.notes[0]
 
 
-def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path: Path) -> None:
+def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path):
     column, part = "pelvis_qz", "pelvis_quat_wxyz"
     rows = table_rows()
     _set(9, column, "nan")(rows)
@@ -193,7 +184,7 @@ def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path: Path) -> None:
         (b't,x\n"' + b"x" * 200_000, "field larger"),
     ],
 )
-def test_files_that_are_no_text_tables(tmp_path: Path, data: bytes, named: str) -> None:
+def test_files_that_are_no_text_tables(tmp_path, data, named):
     path = tmp_path / "walk.csv"
     path.write_bytes(data)
     with pytest.raises(RecordingError, match=named):
@@ -201,9 +192,9 @@ def test_files_that_are_no_text_tables(tmp_path: Path, data: bytes, named: str) 
 
 
 @pytest.mark.parametrize("column", ["t", "pelvis_qy"])
-def test_parquet_damage_is_named(tmp_path: Path, column: str) -> None:
+def test_parquet_damage_is_named(tmp_path, column):
     values = walk_values()
-    columns: dict[str, object] = {name: values[:, k] for k, name in enumerate(COLUMNS)}
+    columns = {name: values[:, k] for k, name in enumerate(COLUMNS)}
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table(columns | {column: ["x"] * N}), path)
     with pytest.raises(RecordingError, match=rf"a\.parquet: column {column}: it holds string"):
@@ -216,7 +207,7 @@ def test_parquet_damage_is_named(tmp_path: Path, column: str) -> None:
         load(path)
 
 
-def test_groups_of_real_walks_agree_with_their_index(walks_dir: Path) -> None:
+def test_groups_of_real_walks_agree_with_their_index(walks_dir):
     with (walks_dir / "index.csv").open(encoding="utf-8") as stream:
         index = list(csv.DictReader(stream))
     for row in index[::4]:
@@ -230,7 +221,7 @@ def test_groups_of_real_walks_agree_with_their_index(walks_dir: Path) -> None:
         assert route_group(recording.times_s, recording.truth.pelvis_position_m) == row["group"], row["clip"]
 
 
-def test_unknown_recordings_are_refused_with_the_accepted_kinds(tmp_path: Path) -> None:
+def test_unknown_recordings_are_refused_with_the_accepted_kinds(tmp_path):
     assert load("subject03_R2").name == "subject03_R2"
     cases = {
         "subject03_R9": ["no such", "perhaps you meant 'subject03_R", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"],

@@ -2,44 +2,41 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from gazempc.recordings.readers.labels import route_group
-from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
 
-Array = NDArray[np.float64]
 FRAME_S = 1.0 / 30.0
 
 
 @pytest.fixture(scope="module")
-def walks() -> dict[str, Recording]:
+def walks():
     return {name: generate(name) for name in synthetic_names()}
 
 
-def route_of(walk: Recording) -> str:
+def route_of(walk):
     return walk.name.split("_")[1]
 
 
-def on_routes(walks: dict[str, Recording], *routes: str) -> list[Recording]:
+def on_routes(walks, *routes):
     return [walk for walk in walks.values() if route_of(walk) in routes]
 
 
-def yaw_rad(quat_wxyz: Array) -> Array:
+def yaw_rad(quat_wxyz):
     yaw = Rotation.from_quat(quat_wxyz, scalar_first=True).as_euler("ZYX")[:, 0]
     return np.unwrap(yaw)
 
 
-def travel(walk: Recording, sigma_frames: float = 8.0) -> tuple[Array, Array]:
+def travel(walk, sigma_frames=8.0):
     """Speed and direction of the pelvis with the gait smoothed away."""
     velocity = np.gradient(walk.truth.pelvis_position_m[:, :2], FRAME_S, axis=0)
     velocity = gaussian_filter1d(velocity, sigma_frames, axis=0, mode="nearest")
     return np.hypot(*velocity.T), np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
 
 
-def lead_s(early: Array, late: Array) -> float:
+def lead_s(early, late):
     """By how much `early` leads `late`: the peak of their cross-correlation, within 0.6 s."""
     lags = np.arange(-18, 19)
     count = len(early)
@@ -53,7 +50,7 @@ def lead_s(early: Array, late: Array) -> float:
     return float(lags[best] + 0.5 * (before - after) / (before - 2 * peak + after)) * FRAME_S
 
 
-def test_a_recording_is_the_same_on_every_platform(walks: dict[str, Recording]) -> None:
+def test_a_recording_is_the_same_on_every_platform(walks):
     walk = walks["subject03_R5"]
     assert walk.measured is not None
     rows = [0, 70, -1]
@@ -74,12 +71,12 @@ def test_a_recording_is_the_same_on_every_platform(walks: dict[str, Recording]) 
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
 
 
-def test_groups_follow_from_the_motion(walks: dict[str, Recording]) -> None:
+def test_groups_follow_from_the_motion(walks):
     for walk in walks.values():
         assert route_group(walk.times_s, walk.truth.pelvis_position_m) == walk.labels.group, walk.name
 
 
-def test_head_yaw_leads_the_direction_of_travel_in_sharp_turns(walks: dict[str, Recording]) -> None:
+def test_head_yaw_leads_the_direction_of_travel_in_sharp_turns(walks):
     leads = {}
     for subject in range(1, 15):
         of_subject = [
@@ -94,7 +91,7 @@ def test_head_yaw_leads_the_direction_of_travel_in_sharp_turns(walks: dict[str, 
     assert min(leads.values()) > 0.0
 
 
-def noise_m(walk: Recording) -> tuple[Array, Array, Array]:
+def noise_m(walk):
     """Distance, error along the ray, and error across it in one direction, of frames with a person."""
     assert walk.measured is not None
     seen = walk.measured.valid
@@ -106,7 +103,7 @@ def noise_m(walk: Recording) -> tuple[Array, Array, Array]:
     return distance, along, (error[:, :2] * left).sum(axis=1)
 
 
-def test_position_noise_is_that_of_the_depth_camera(walks: dict[str, Recording]) -> None:
+def test_position_noise_is_that_of_the_depth_camera(walks):
     parts = [noise_m(walk) for walk in walks.values()]
     biases = np.array([along.mean() for _, along, _ in parts])
     assert np.abs(biases).max() < 0.011 + 0.005  # the noise leaves about 1.4 mm in a mean over a clip

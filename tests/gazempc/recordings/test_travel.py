@@ -1,7 +1,6 @@
 """Whether people leave the spot, and when they start: motions whose speed is known in closed form, and real people."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,7 +44,7 @@ def test_jumps_of_a_tracker_are_no_start():
     assert not found.leaves
 
 
-def test_real_people_who_stand_and_who_walk(walks_dir: Path, tracks_dir: Path):
+def test_real_people_who_stand_and_who_walk(walks_dir, tracks_dir):
     standing = (walks_dir.parent / "standing").glob("stand_*.csv")
     for path in [*standing, *sorted(tracks_dir.glob("vru_waiting*"))[::9]]:
         walk = load(path)
@@ -56,7 +55,7 @@ def test_real_people_who_stand_and_who_walk(walks_dir: Path, tracks_dir: Path):
         assert travel(walk.times_s, walk.truth.head_position_m).leaves, path.stem
 
 
-def test_real_pedestrians_who_start_do_so_about_3_s_into_their_track(tracks_dir: Path):
+def test_real_pedestrians_who_start_do_so_about_3_s_into_their_track(tracks_dir):
     """The data set cuts tracks 3 s before the start as its annotators see it; some walk at the beginning as well."""
     with (tracks_dir / "index.csv").open(encoding="utf-8") as stream:
         clips = [row["clip"] for row in csv.DictReader(stream) if row["kind"] == "starting"]

@@ -1,10 +1,6 @@
 """Figures and animation: they exist, are not blank, and say what the metrics say."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +27,6 @@ from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.known import known_title, parts, running_contact, shown_head
 from gazempc.results.figures.overview import attended, draw_contact_bars, draw_gaze_error, overview
 from gazempc.results.figures.people import person_colour
-from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.results.page.run_page import run_page
 from gazempc.results.table import measured_again
@@ -41,24 +36,22 @@ ALL = EYES.model_copy(update={"name": "all", "body": load_neck("reachy_mini_body
 ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "nobody"))
 AWAY = ((5.0, 6.5, "thinking"),)
 CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
-Logs = dict[str, Log]
-Draw = Callable[[Logs, Path], None]
 
 
 @pytest.fixture(scope="module")
-def logs() -> Logs:
+def logs():
     log = replayed(synthetic("subject03_R1"), "reactive", settings=QUICK)
     short = cut(log, 0.0, 2.4)  # contact is lost and regained in the scored window
     others = {name: replace(short, run=short.run.model_copy(update={"controller": name})) for name in CONTROLLERS}
     return {**others, "mpc": replace(others["mpc"], joint_position_rad=0.9 * short.joint_position_rad)}
 
 
-def _pixels(path: Path) -> np.ndarray:
+def _pixels(path):
     with Image.open(path) as image:
         return np.asarray(image.convert("RGB"), dtype=float)
 
 
-def test_head_offset_points_right_and_up(logs: Logs) -> None:
+def test_head_offset_points_right_and_up(logs):
     # Seen along the gaze, a head turned to the right of it and above it.
     log = logs["mpc"]
     turned_rad = log.joint_position_rad + np.deg2rad([-3.0, 2.0])
@@ -69,9 +62,7 @@ def test_head_offset_points_right_and_up(logs: Logs) -> None:
 
 
 @pytest.mark.parametrize(("draw", "count", "size"), [(angles, 4, (960, 900)), (overview, 1, (1600, 900))])
-def test_figure_is_a_picture_that_is_not_blank(
-    logs: Logs, draw: Draw, count: int, size: tuple[int, int], tmp_path: Path
-) -> None:
+def test_figure_is_a_picture_that_is_not_blank(logs, draw, count, size, tmp_path):
     draw(dict(list(logs.items())[-count:]), tmp_path / "figure.png")
     pixels = _pixels(tmp_path / "figure.png")
     assert pixels.shape[1] >= size[0]
@@ -82,7 +73,7 @@ def test_figure_is_a_picture_that_is_not_blank(
 
 
 @pytest.mark.slow
-def test_animation_runs_in_real_time(logs: Logs, tmp_path: Path) -> None:
+def test_animation_runs_in_real_time(logs, tmp_path):
     path = tmp_path / "gaze.gif"
     animate(dict(list(logs.items())[:2]), path)
     times_s = frame_times(float(logs["reactive"].time_s[-1]))
@@ -98,7 +89,7 @@ def test_animation_runs_in_real_time(logs: Logs, tmp_path: Path) -> None:
     assert (frames[-1][-2:, -2:] == 255).all()
 
 
-def _known_at(logs: Logs, every: int) -> Logs:
+def _known_at(logs, every):
     """The true head at every so-manieth tick only; 0 for never."""
     some = {}
     for name, log in logs.items():
@@ -107,7 +98,7 @@ def _known_at(logs: Logs, every: int) -> Logs:
     return some
 
 
-def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs: Logs) -> None:
+def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs):
     rare = _known_at({"mpc": logs["mpc"]}, 24)
     head = shown_head(rare["mpc"])
     assert head.rare
@@ -128,7 +119,7 @@ def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs: Logs) 
     assert np.isfinite(error_deg).sum() == head.known.sum()
 
 
-def test_an_unknown_head_is_drawn_as_observed_with_a_note(logs: Logs, tmp_path: Path) -> None:
+def test_an_unknown_head_is_drawn_as_observed_with_a_note(logs, tmp_path):
     log = logs["mpc"]
     live = {"mpc": replace(log, run=log.run.model_copy(update={"kind": "live"}))}
     unknown = _known_at(live, 0)
@@ -149,7 +140,7 @@ def test_an_unknown_head_is_drawn_as_observed_with_a_note(logs: Logs, tmp_path: 
         assert np.ptp(_pixels(tmp_path / "live.png")) > 0
 
 
-def test_head_and_body_point_along_their_rotations() -> None:
+def test_head_and_body_point_along_their_rotations():
     log = replayed(synthetic("subject03_R1"), "reactive", settings=QUICK, neck=ALL)
     np.testing.assert_allclose(np.linalg.norm(head_offset_deg(log), axis=1), gaze_error_deg(log), atol=1e-6)
     k = log.time_s.size // 2

@@ -14,7 +14,6 @@ from scipy.stats import f as f_distribution
 
 from gazempc.neck.spec import load_neck
 from gazempc.results.forecast_metrics import inside, squared_radius
-from gazempc.results.log import Log
 from gazempc.results.metrics import measure
 from gazempc.results.motion import limit_violations, log_dimensionless_jerk, sparc
 
@@ -22,7 +21,7 @@ NECK = load_neck("fetch")
 
 
 @pytest.fixture(scope="module")
-def log() -> Log:
+def log():
     """A run on a neck with offsets, so that the eye is not in the base's origin."""
     return replayed(synthetic("subject02_R4"), "lookahead", neck=NECK)
 

@@ -7,14 +7,13 @@ import pytest
 from builders.attention import attention_log, of_motion
 from builders.replays import run_info
 
-from gazempc.results.log import Log
 from gazempc.results.metrics import measure
 
 TICK_S = 0.005
 
 
 @pytest.fixture(scope="module")
-def template() -> Log:
+def template():
     return attention_log(np.zeros(10))
 
 

@@ -1,7 +1,6 @@
 """Replays: reproducible, with several seeds of the noise, and independent of what ran before."""
 
 import dataclasses
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -114,21 +113,21 @@ CACHES = (axis_model, condense, observer_gain, servo._transition, settled_joints
 
 
 @pytest.fixture(autouse=True)
-def nothing_shared_yet() -> Iterator[None]:
+def nothing_shared_yet():
     forget()
     yield
     forget()
 
 
-def forget() -> None:
+def forget():
     for cached in CACHES:
         cached.cache_clear()
 
 
-def test_necks_and_settings_do_not_share() -> None:
+def test_necks_and_settings_do_not_share():
     """Every number that a program depends on is in its key."""
 
-    def gain(mpc: Mpc) -> bytes:
+    def gain(mpc):
         return mpc.ocps[0].program.gain.tobytes()
 
     limit = REFERENCE.model_copy(update={"pan": REFERENCE.pan.model_copy(update={"jerk_max_rad_s3": 200.0})})
@@ -148,7 +147,7 @@ def test_necks_and_settings_do_not_share() -> None:
     assert gain(Mpc(REFERENCE)) == gains[0]
 
 
-def test_the_same_neck_shares_but_cannot_be_written_to() -> None:
+def test_the_same_neck_shares_but_cannot_be_written_to():
     """Two controllers have their matrices in common, and solvers of their own; a change is an error."""
     first, second = Mpc(REFERENCE).ocps[0], Mpc(REFERENCE).ocps[0]
     assert first.program is second.program

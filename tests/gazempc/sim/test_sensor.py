@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import PlacementError, SettingsError
@@ -15,21 +14,12 @@ from gazempc.recordings.recording import Recording, Track
 from gazempc.recordings.synthetic.walks import generate
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensor import default_sensor, load_sensor, observe
-from gazempc.types import Sighting
 
-Array = NDArray[np.float64]
 PERFECT = load_sensor("perfect")
 REFERENCE = load_sensor("reference")
 
 
-def recording(
-    times_s: Array,
-    head_m: Array,
-    yaw: Array | float = 0.0,
-    name: str = "walk",
-    measured: Track | None = None,
-    valid: NDArray[np.bool_] | None = None,
-) -> Recording:
+def recording(times_s, head_m, yaw=0.0, name="walk", measured=None, valid=None):
     """A walk with the head turned 0.2 rad further left than the pelvis, whose yaw is given."""
     seen = np.full(times_s.size, True) if valid is None else valid
     yaws = np.broadcast_to(np.asarray(yaw, dtype=np.float64), times_s.shape)
@@ -43,31 +33,31 @@ def recording(
     return Recording(name, "test", "motion capture", times_s, track, measured, has_robot=True)
 
 
-def quats(yaws: Array) -> Array:
+def quats(yaws):
     return Rotation.from_euler("z", yaws[:, None]).as_quat(scalar_first=True)
 
 
-def yaw_of(quat_wxyz: Array) -> Array:
+def yaw_of(quat_wxyz):
     x, y, _ = Rotation.from_quat(quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0]).T
     return np.arctan2(y, x)
 
 
-def standing(frames: int, rate_hz: float = 30.0, name: str = "walk") -> Recording:
+def standing(frames, rate_hz=30.0, name="walk"):
     return recording(np.arange(frames) / rate_hz, np.tile([2.0, 0.5, 0.3], (frames, 1)), name=name)
 
 
-def positions(sightings: tuple[Sighting, ...]) -> Array:
+def positions(sightings):
     return np.array([each.observation.head_position_base_m for each in sightings])
 
 
-def capture_times(sightings: tuple[Sighting, ...]) -> Array:
+def capture_times(sightings):
     return np.array([each.observation.capture_time_s for each in sightings])
 
 
 # ---------------------------------------------------------------- noise
 
 
-def test_noise_has_the_stated_standard_deviations_and_no_memory() -> None:
+def test_noise_has_the_stated_standard_deviations_and_no_memory():
     frames = 6000
     sightings = observe(standing(frames), REFERENCE, seed=1)
     jitter = positions(sightings) - [2.0, 0.5, 0.3]
@@ -80,7 +70,7 @@ def test_noise_has_the_stated_standard_deviations_and_no_memory() -> None:
     np.testing.assert_allclose(noise[1:].T @ noise[:-1] / frames, 0.0, atol=tolerance)
 
 
-def test_the_noise_of_a_frame_does_not_depend_on_latency_rate_or_dropouts() -> None:
+def test_the_noise_of_a_frame_does_not_depend_on_latency_rate_or_dropouts():
     walk = standing(240, rate_hz=120.0)
     every = REFERENCE.model_copy(update={"rate_hz": 120.0})
     all_frames = dict(zip(capture_times(observe(walk, every, 1)), positions(observe(walk, every, 1)), strict=True))
@@ -95,7 +85,7 @@ def test_the_noise_of_a_frame_does_not_depend_on_latency_rate_or_dropouts() -> N
 
 
 @given(seed=st.integers(0, 100), rate_hz=st.sampled_from([10.0, 30.0, 50.0]))
-def test_thinning_takes_the_frame_nearest_to_each_tick(seed: int, rate_hz: float) -> None:
+def test_thinning_takes_the_frame_nearest_to_each_tick(seed, rate_hz):
     """With irregular time stamps."""
     times_s = np.cumsum(np.random.default_rng(seed).uniform(0.003, 0.013, 120))
     times_s -= times_s[0]
@@ -107,12 +97,12 @@ def test_thinning_takes_the_frame_nearest_to_each_tick(seed: int, rate_hz: float
 
 
 @pytest.mark.parametrize("rate_hz", [29.97, 30.0, 31.0, 15.0])
-def test_a_recording_at_about_the_sensors_rate_or_below_is_seen_frame_by_frame(rate_hz: float) -> None:
+def test_a_recording_at_about_the_sensors_rate_or_below_is_seen_frame_by_frame(rate_hz):
     walk = standing(300, rate_hz=rate_hz)
     np.testing.assert_array_equal(capture_times(observe(walk, REFERENCE, seed=1)), walk.times_s)
 
 
-def test_only_what_is_in_range_is_seen() -> None:
+def test_only_what_is_in_range_is_seen():
     """Range is the distance in space, so a head above the sensor counts its height."""
     head = np.column_stack([np.linspace(0.5, 6.0, 100), np.zeros(100), np.full(100, 1.5)])
     walk = recording(np.arange(100) / 30.0, head)
@@ -122,7 +112,7 @@ def test_only_what_is_in_range_is_seen() -> None:
     np.testing.assert_array_equal(capture_times(observe(walk, sensor, seed=1)), expected)
 
 
-def test_dropouts_lose_their_share_of_frames() -> None:
+def test_dropouts_lose_their_share_of_frames():
     walk = standing(3000)
     sensor = PERFECT.model_copy(update={"dropout_probability": 0.3})
     first = capture_times(observe(walk, sensor, seed=1))
@@ -131,19 +121,19 @@ def test_dropouts_lose_their_share_of_frames() -> None:
     assert set(capture_times(observe(walk, sensor, seed=2))) != set(first)
 
 
-def test_a_sensor_without_a_person_in_view_is_an_error() -> None:
+def test_a_sensor_without_a_person_in_view_is_an_error():
     with pytest.raises(SettingsError, match=r"'perfect' never sees the person in walk: check its range"):
         observe(standing(30), PERFECT.model_copy(update={"range_max_m": 1.0}), seed=1)
 
 
-def without(walk: Recording, part: str, rows: slice) -> Recording:
+def without(walk, part, rows):
     values = getattr(walk.truth, part).copy()
     values[rows] = np.nan
     return replace(walk, truth=replace(walk.truth, **{part: values}))
 
 
 @pytest.mark.parametrize("part", ["head_quat_wxyz", "pelvis_quat_wxyz"])
-def test_an_orientation_that_is_not_known_is_not_seen(part: str) -> None:
+def test_an_orientation_that_is_not_known_is_not_seen(part):
     """All else is seen as before, with the same noise."""
     whole = observe(standing(30), REFERENCE, seed=1)
     for i, (other, each) in enumerate(
@@ -157,7 +147,7 @@ def test_an_orientation_that_is_not_known_is_not_seen(part: str) -> None:
 # ---------------------------------------------------------------- recorded
 
 
-def test_recorded_sensor_replays_the_measured_track_with_its_gaps() -> None:
+def test_recorded_sensor_replays_the_measured_track_with_its_gaps():
     valid = np.arange(30) % 5 != 0
     times_s = np.arange(30) / 30.0
     measured = recording(times_s, np.full((30, 3), 1.5), yaw=1.0, valid=valid).truth
@@ -169,14 +159,14 @@ def test_recorded_sensor_replays_the_measured_track_with_its_gaps() -> None:
     assert sightings[0].arrival_s == pytest.approx(times_s[1] + 0.066)
 
 
-def test_recorded_sensor_refuses_a_recording_without_a_measured_track() -> None:
+def test_recorded_sensor_refuses_a_recording_without_a_measured_track():
     with pytest.raises(
         SettingsError, match=r"'recorded'.*walk \(motion capture\) has no such track; accepted: .*reference"
     ):
         observe(standing(30), load_sensor("recorded"), seed=1)
 
 
-def test_the_default_sensor_fits_the_recording() -> None:
+def test_the_default_sensor_fits_the_recording():
     assert default_sensor(standing(2)) == "reference"
     assert default_sensor(generate("subject01_R1")) == "reference"
     assert default_sensor(replace(standing(2), kind="body tracking")) == "recorded"
@@ -188,7 +178,7 @@ def test_the_default_sensor_fits_the_recording() -> None:
 # ---------------------------------------------------------------- placement
 
 
-def curved_walk(start_s: float = 0.0, turns_back: bool = False) -> Recording:
+def curved_walk(start_s=0.0, turns_back=False):
     times_s = start_s + np.arange(90) / 30.0
     t = np.linspace(0.0, 1.0, 90)
     if turns_back:
@@ -199,7 +189,7 @@ def curved_walk(start_s: float = 0.0, turns_back: bool = False) -> Recording:
 
 
 @pytest.mark.parametrize("turns_back", [False, True])
-def test_side_is_the_definition_of_the_design(turns_back: bool) -> None:
+def test_side_is_the_definition_of_the_design(turns_back):
     """In the walk's frame: robot at c + 2.5 (z x d), 1.2 m up, x axis towards c; computed with 4 x 4 matrices."""
     walk = curved_walk(turns_back=turns_back)
     head = walk.truth.head_position_m
@@ -231,7 +221,7 @@ def test_side_is_the_definition_of_the_design(turns_back: bool) -> None:
     assert placed.has_robot
 
 
-def test_a_walk_too_near_is_refused_with_the_distance() -> None:
+def test_a_walk_too_near_is_refused_with_the_distance():
     """Along a half circle of 2 m radius whose middle comes nearest to the robot."""
     angle = np.linspace(0.0, np.pi, 91)
     head = np.column_stack([2 * np.cos(angle), -2 * np.sin(angle), np.full(91, 1.6)])
@@ -245,7 +235,7 @@ def test_a_walk_too_near_is_refused_with_the_distance() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
-def test_the_robot_stands_in_front_of_a_standing_person(yaw: float) -> None:
+def test_the_robot_stands_in_front_of_a_standing_person(yaw):
     """And so sees the face: the head's forward axis points at the robot."""
     rng = np.random.default_rng(1)
     head = np.array([3.0, -2.0, 1.6]) + 0.01 * rng.standard_normal((60, 3))
@@ -257,12 +247,12 @@ def test_the_robot_stands_in_front_of_a_standing_person(yaw: float) -> None:
 # ---------------------------------------------------------------- truth between frames
 
 
-def cubic(times_s: Array) -> Array:
+def cubic(times_s):
     t = np.asarray(times_s)[..., None]
     return np.array([1.0, -2.0, 0.5]) + t * [0.5, 1.0, -1.0] + t**2 * [0.3, -0.2, 0.1] + t**3 * [-0.1, 0.2, 0.05]
 
 
-def cubic_velocity(time_s: float) -> Array:
+def cubic_velocity(time_s):
     return (
         np.array([0.5, 1.0, -1.0])
         + 2 * time_s * np.array([0.3, -0.2, 0.1])
@@ -270,14 +260,14 @@ def cubic_velocity(time_s: float) -> Array:
     )
 
 
-def test_a_cubic_is_interpolated_exactly() -> None:
+def test_a_cubic_is_interpolated_exactly():
     times_s = np.sort(np.random.default_rng(1).uniform(0.0, 2.0, 40))
     between_s = np.linspace(times_s[0], times_s[-1], 333)
     truth = TrueHead(recording(times_s, cubic(times_s)))
     np.testing.assert_allclose(truth(between_s), cubic(between_s), atol=1e-11)
 
 
-def test_beyond_the_frames_the_last_velocity_goes_on() -> None:
+def test_beyond_the_frames_the_last_velocity_goes_on():
     times_s = np.linspace(0.0, 2.0, 40)
     truth = TrueHead(recording(times_s, cubic(times_s)))
     ahead = np.array([0.0, 0.3, 2.0])[:, None]
@@ -285,7 +275,7 @@ def test_beyond_the_frames_the_last_velocity_goes_on() -> None:
     np.testing.assert_allclose(truth(-ahead[:, 0]), cubic(0.0) - ahead * cubic_velocity(0.0), atol=1e-10)
 
 
-def test_invalid_frames_are_bridged() -> None:
+def test_invalid_frames_are_bridged():
     times_s = np.linspace(0.0, 2.0, 41)
     valid = np.full(41, True)
     valid[[0, 12, 13, 14, 40]] = False
