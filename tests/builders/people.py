@@ -1,11 +1,32 @@
 """People who are seen walking, for predictors."""
 
+from functools import partial
+
 import numpy as np
 
 from predictors import (
+    ConstantAcceleration,
+    ConstantVelocity,
+    CoordinatedTurn,
     HeadObservation,
+    HeadPose,
+    InteractingModels,
+    LastPosition,
+    ParticleFilter,
+    PelvisPursuit,
 )
 
+PREDICTORS = {
+    "last": LastPosition,
+    "cv": ConstantVelocity,
+    "ca": ConstantAcceleration,
+    "ctrv": CoordinatedTurn,
+    "ctrv with yaw": partial(CoordinatedTurn, yaw_cues="both"),
+    "imm": InteractingModels,
+    "particle": ParticleFilter,
+    "head": partial(HeadPose, weight=0.7),
+    "pursuit": PelvisPursuit,
+}
 FRAME_S = 1.0 / 30.0
 WALK_M_S = np.array([1.1, -0.4, 0.05])
 

@@ -11,18 +11,7 @@ from builders.own_modules import write_own_parts
 from gazempc import part_options
 from gazempc.errors import SettingsError
 from gazempc.part_options import check_options, make, options_for, take_options
-from gazempc.parts import (
-    CONTROLLER,
-    PREDICTOR,
-    ROBOT,
-    SOURCE,
-    Kind,
-    check_choice,
-    check_members,
-    find,
-    is_own,
-    name_of,
-)
+from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, Kind, check_choice, check_members, find, is_own, name_of
 from gazempc.sim.simulated import SimulatedNeck
 
 KINDS = (PREDICTOR, CONTROLLER, ROBOT, SOURCE)

@@ -2,41 +2,14 @@
 
 import numpy as np
 import pytest
-from builders.people import FRAME_S, WALK_M_S, seen, walk
+from builders.people import FRAME_S, PREDICTORS, WALK_M_S, seen, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from predictors import (
-    ConstantAcceleration,
-    ConstantVelocity,
-    CoordinatedTurn,
-    HeadPose,
-    InteractingModels,
-    LastPosition,
-    NotReadyError,
-    OutOfOrderError,
-    ParticleFilter,
-    PelvisPursuit,
-    Perfect,
-    Walker,
-)
+from predictors import LastPosition, NotReadyError, OutOfOrderError, Perfect, Walker
 
-MAKERS = {
-    "last": LastPosition,
-    "cv": ConstantVelocity,
-    "ca": ConstantAcceleration,
-    "ctrv": CoordinatedTurn,
-    "ctrv with yaw": lambda: CoordinatedTurn(yaw_cues="both"),
-    "imm": InteractingModels,
-    "particle": ParticleFilter,
-    "head": lambda: HeadPose(weight=0.7),
-    "pursuit": PelvisPursuit,
-    "walker": Walker,
-    "perfect": lambda: Perfect(lambda times: np.outer(times, WALK_M_S)),
-}
-
-
+MAKERS = PREDICTORS | {"walker": Walker, "perfect": lambda: Perfect(lambda times: np.outer(times, WALK_M_S))}
 every_predictor = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
 
 

@@ -6,10 +6,7 @@ from builders.people import FRAME_S, WALK_M_S, seen, walk
 from hypothesis import given
 from hypothesis import strategies as st
 
-from predictors import (
-    ConstantVelocity,
-    HeadObservation,
-)
+from predictors import ConstantVelocity, HeadObservation
 
 
 def joint_gaussian(seen_s, seen_m, times_s, psd, noise_m):

@@ -1,17 +1,13 @@
 """The standard predictors that others are compared with, each against an oracle that does not share its code."""
 
-import inspect
-
 import numpy as np
 import pytest
+from builders.people import FRAME_S, PREDICTORS, yaw_quat
 from scipy.integrate import quad_vec, solve_ivp
 from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
-from gazempc.loop.build import Person, make_predictor
-from gazempc.sim.replay import ReplaySettings
 from predictors import (
-    ConstantAcceleration,
     ConstantVelocity,
     CoordinatedTurn,
     HeadObservation,
@@ -23,21 +19,9 @@ from predictors.baselines import coordinated_turn
 from predictors.baselines.coordinated_turn import arc
 from predictors.geometry import wrap_rad
 
-FRAME_S = 1.0 / 30.0
 ENDLESS_S = 1e6
 SPEED_M_S, TURN_RAD_S = 1.2, 0.8
-OUTLIER_MAKERS = {
-    "cv": ConstantVelocity,
-    "ca": ConstantAcceleration,
-    "ctrv": CoordinatedTurn,
-    "imm": InteractingModels,
-    "particle": ParticleFilter,
-    "pursuit": PelvisPursuit,
-}
-
-
-def yaw_quat(yaw):
-    return np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+FILTERS = ("cv", "ca", "ctrv", "imm", "particle", "pursuit")
 
 
 def on_circle(time_s, heading=0.3, rate=TURN_RAD_S):
@@ -72,10 +56,10 @@ def van_loan(A, noise, dt_s):
 # ---------------------------------------------------------------- what all filters do
 
 
-@pytest.mark.parametrize("make", OUTLIER_MAKERS.values(), ids=OUTLIER_MAKERS.keys())
-def test_false_detections_do_not_move_the_track_and_after_0_75_s_they_are_it(make):
+@pytest.mark.parametrize("name", FILTERS)
+def test_false_detections_do_not_move_the_track_and_after_0_75_s_they_are_it(name):
     """They walk on, too, so that the new track has a velocity at once."""
-    predictor = make()
+    predictor = PREDICTORS[name]()
     end_s = show(predictor, straight, noise_m=0.005)
     aside = np.array([0.0, 0.6, 0.0])
     before = predictor.forecast(end_s + 0.5)
@@ -92,9 +76,9 @@ def test_false_detections_do_not_move_the_track_and_after_0_75_s_they_are_it(mak
     np.testing.assert_allclose(forecast.means_base_m[1], straight(new_s + 0.5) + aside, atol=0.1)
 
 
-@pytest.mark.parametrize("make", OUTLIER_MAKERS.values(), ids=OUTLIER_MAKERS.keys())
-def test_a_gap_is_bridged_by_the_time_stamps(make):
-    predictor = make()
+@pytest.mark.parametrize("name", FILTERS)
+def test_a_gap_is_bridged_by_the_time_stamps(name):
+    predictor = PREDICTORS[name]()
     end_s = show(predictor, straight)
     later_s = end_s + 0.7
     spread = predictor.forecast([later_s, later_s + 0.5]).covariances_m2
@@ -282,21 +266,3 @@ def test_pursuit_without_pelvis_or_gain_is_constant_velocity():
         forecast = each.forecast(expected.times_s)
         np.testing.assert_allclose(forecast.means_base_m, expected.means_base_m, atol=1e-12)
         np.testing.assert_allclose(forecast.covariances_m2, expected.covariances_m2, atol=1e-12)
-
-
-# ---------------------------------------------------------------- settings
-
-
-@pytest.mark.parametrize(
-    ("name", "made"),
-    [
-        ("constant_velocity", ConstantVelocity),
-        ("coordinated_turn", CoordinatedTurn),
-    ],
-)
-def test_settings_are_the_constructors_and_have_its_defaults(name, made):
-    settings = ReplaySettings()
-    assert type(make_predictor(name, settings, Person(), {})) is made
-    defaults = {p.name: p.default for p in inspect.signature(made).parameters.values()}
-    for key, value in getattr(settings, name).model_dump().items():
-        assert defaults[key] == value, key

@@ -25,6 +25,10 @@ def wxyz(turn):
     return turn.as_quat(scalar_first=True)
 
 
+def bag_of(folder, rows, **more):
+    return write_bag(folder / "bag", rows, **{"storage": "mcap"} | more)
+
+
 def read(folder, **options):
     return load(folder, ReadOptions(**options))
 
@@ -38,9 +42,10 @@ def facing_rows(name, turn, parent=OPTICAL):
 TO_SENSOR = Rotation.from_quat(TO_OPTICAL, scalar_first=True).inv() * Rotation.from_euler("z", np.pi)
 
 
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-def test_a_face_is_read_in_the_frame_of_the_sensor(tmp_path, storage):
-    walk = load(write_bag(tmp_path / "bag", facing_rows("face_a", TO_SENSOR), storage, delay_s=0.05))
+@pytest.mark.parametrize(("storage", "ending"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
+def test_a_face_is_read_in_the_frame_of_the_sensor_also_from_a_file_alone(tmp_path, storage, ending):
+    bag = bag_of(tmp_path, facing_rows("face_a", TO_SENSOR), storage=storage, delay_s=0.05)
+    walk = load(bag)
     assert (walk.kind, walk.has_robot, walk.name) == ("tracked", True, "bag")
     np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
     np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
@@ -49,12 +54,16 @@ def test_a_face_is_read_in_the_frame_of_the_sensor(tmp_path, storage):
     forward = Rotation.from_quat(walk.truth.head_quat_wxyz, scalar_first=True).apply([1.0, 0.0, 0.0])
     np.testing.assert_allclose(forward, np.tile([-1.0, 0.0, 0.0], (60, 1)), atol=1e-9)
     assert "face_a, 60 frames in camera_color_optical_frame, optical axes turned" in walk.notes[0]
+    (file,) = bag.glob(f"*{ending}")
+    assert load(file).times_s.size == 60
+    alone = load(file.rename(tmp_path / f"alone{ending}"))
+    assert (alone.name, alone.times_s.size) == ("alone", 60)
 
 
 def test_the_truth_is_the_track_without_its_noise(tmp_path):
     noise_m = 0.02 * np.random.default_rng(0).standard_normal(WALK.shape)
     rows = face_rows("face_a", START_S + T, WALK + noise_m, "base_link")
-    walk = load(write_bag(tmp_path / "bag", rows))
+    walk = load(bag_of(tmp_path, rows))
     np.testing.assert_allclose(walk.measured.head_position_m, WALK + noise_m, atol=1e-9)
     left_m = np.sqrt(np.mean((walk.truth.head_position_m - WALK) ** 2))
     assert left_m < 0.4 * np.sqrt(np.mean(noise_m**2))
@@ -62,7 +71,7 @@ def test_the_truth_is_the_track_without_its_noise(tmp_path):
 
 def test_the_axes_of_a_face_follow_from_where_it_looks(tmp_path):
     """z out of the face and y down, as head pose estimators of cameras have it."""
-    walk = load(write_bag(tmp_path / "bag", facing_rows("face_a", Rotation.from_euler("y", np.pi))))
+    walk = load(bag_of(tmp_path, facing_rows("face_a", Rotation.from_euler("y", np.pi))))
     turns = Rotation.from_quat(walk.truth.head_quat_wxyz, scalar_first=True)
     np.testing.assert_allclose(turns.apply([1.0, 0.0, 0.0]), np.tile([-1.0, 0.0, 0.0], (60, 1)), atol=1e-9)
     np.testing.assert_allclose(turns.apply([0.0, 0.0, 1.0]), np.tile([0.0, 0.0, 1.0], (60, 1)), atol=1e-9)
@@ -76,7 +85,7 @@ def test_orientations_that_fit_no_axes_are_left_out_and_named(tmp_path):
     seen = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
     in_optical = Rotation.from_quat(TO_OPTICAL, scalar_first=True).inv() * seen
     rows = face_rows("face_a", START_S + T, [0.0, 0.0, 2.0], quat_wxyz=wxyz(in_optical))
-    walk = load(write_bag(tmp_path / "bag", rows))
+    walk = load(bag_of(tmp_path, rows))
     assert walk.truth.positions_only
     assert "orientations left out" in "\n".join(walk.notes)
 
@@ -90,7 +99,7 @@ def test_chains_of_fixed_and_moving_frames_lead_to_the_base(tmp_path):
     ]
     slow = np.arange(-0.1, 2.2, 0.1)
     frames = [(START_S + t, "torso", "pan", (0.0, 0.0, 0.4), wxyz(Rotation.from_euler("z", 0.2 * t))) for t in slow]
-    bag = write_bag(tmp_path / "bag", [*frames, *facing_rows("face_a", TO_SENSOR)], static=static)
+    bag = bag_of(tmp_path, [*frames, *facing_rows("face_a", TO_SENSOR)], static=static)
     in_pan = WALK + np.array([0.05, 0.0, 0.1])
     c, s = np.cos(0.2 * T), np.sin(0.2 * T)
     base = np.column_stack([c * in_pan[:, 0] - s * in_pan[:, 1], s * in_pan[:, 0] + c * in_pan[:, 1], in_pan[:, 2]])
@@ -110,7 +119,7 @@ def test_the_head_of_a_skeleton_has_its_pelvis(tmp_path):
         (START_S, "body_b", "torso_b", (0.0, 0.0, 0.4), (1, 0, 0, 0)),
         (START_S, "torso_b", "head_b", (0.0, 0.0, 0.2), wxyz(Rotation.from_euler("z", 0.5))),
     ]
-    walk = load(write_bag(tmp_path / "bag", rows, static=static))
+    walk = load(bag_of(tmp_path, rows, static=static))
     np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
     np.testing.assert_allclose(walk.measured.pelvis_position_m, hips, atol=1e-9)
     yaws = [
@@ -120,26 +129,19 @@ def test_the_head_of_a_skeleton_has_its_pelvis(tmp_path):
     np.testing.assert_allclose(yaws, np.repeat([[0.5 - np.pi / 2], [-np.pi / 2]], 60, axis=1), atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", [POINT, "geometry_msgs/msg/PoseWithCovarianceStamped"])
-def test_topics_of_poses_and_points(tmp_path, kind):
+@pytest.mark.parametrize(
+    ("kind", "stamped"), [(POINT, True), ("geometry_msgs/msg/PoseWithCovarianceStamped", True), (POINT, False)]
+)
+def test_topics_of_poses_and_points(tmp_path, kind, stamped):
+    """Without stamps the time of recording counts."""
     turn = wxyz(Rotation.from_euler("z", 2.0))
     rows = pose_rows(START_S + T, WALK, "camera_link", turn)
-    walk = load(write_bag(tmp_path / "bag", [], topics=[("/head", kind, rows)], lists=()))
+    walk = load(bag_of(tmp_path, [], topics=[("/head", kind, rows)], lists=(), stamped=stamped))
+    np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
     np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
     assert walk.truth.positions_only == (kind == POINT)
     if kind != POINT:
         np.testing.assert_allclose(walk.truth.head_quat_wxyz, np.tile(turn, (60, 1)), atol=1e-9)
-
-
-@pytest.mark.parametrize("of", ["frames", "topics"])
-def test_without_stamps_the_time_of_recording_counts(tmp_path, of):
-    rows = {
-        "frames": face_rows("face_a", START_S + T, WALK, "camera_link"),
-        "topics": [("/head", POINT, pose_rows(START_S + T, WALK, "camera_link"))],
-    }
-    walk = load(write_bag(tmp_path / "bag", **({"frames": []} | {of: rows[of]}), stamped=False))
-    np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
-    np.testing.assert_allclose(walk.delays_s, 0.0)
 
 
 def test_people_before_goals_the_longest_first_and_options_choose(tmp_path):
@@ -151,7 +153,7 @@ def test_people_before_goals_the_longest_first_and_options_choose(tmp_path):
         ("/humans/persons/mia/face_id", "std_msgs/msg/String", [(START_S, "a"), (START_S + 1, "")]),
         ("/other", "std_msgs/msg/Bool", [(START_S, True)]),
     ]
-    bag = write_bag(tmp_path / "bag", rows, topics=topics)
+    bag = bag_of(tmp_path, rows, topics=topics)
     found = "\n".join(load(bag).notes)
     assert "face_b, 66 frames" in found
     assert "face_a (60 in camera_color_optical_frame), /person (60 in camera_link), /goal_pose (100 in map)" in found
@@ -171,32 +173,29 @@ def test_faces_of_one_person_are_joined(tmp_path):
     first, second = facing_rows("face_a", TO_SENSOR)[:25], facing_rows("face_b", TO_SENSOR)[30:]
     faces = [(START_S, "a"), (START_S + 1, "b")]
     topics = [("/humans/persons/mia/face_id", "std_msgs/msg/String", faces)]
-    walk = load(write_bag(tmp_path / "bag", [*first, *second], topics=topics))
+    walk = load(bag_of(tmp_path, [*first, *second], topics=topics))
     np.testing.assert_allclose(walk.times_s, np.delete(T, np.s_[25:30]), atol=1e-6)
     assert "face_mia, 55 frames" in walk.notes[0]
 
 
 def test_a_face_that_is_no_longer_listed_is_not_seen(tmp_path):
     lists = [(START_S + t, ("a",) if t < 1.0 else ()) for t in T]
-    walk = load(write_bag(tmp_path / "bag", facing_rows("face_a", TO_SENSOR), lists=lists))
+    walk = load(bag_of(tmp_path, facing_rows("face_a", TO_SENSOR), lists=lists))
     assert walk.times_s[-1] == pytest.approx(1.0, abs=0.04)
     assert "29 messages" in "\n".join(walk.notes)
 
 
-@pytest.mark.parametrize(("storage", "ending"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
-def test_a_file_of_a_bag_is_read_beside_its_metadata_and_alone(tmp_path, storage, ending):
-    bag = write_bag(tmp_path / "bag", facing_rows("face_a", TO_SENSOR), storage)
-    (file,) = bag.glob(f"*{ending}")
-    assert load(file).times_s.size == 60
-    walk = load(file.rename(tmp_path / f"alone{ending}"))
-    assert (walk.name, walk.times_s.size) == ("alone", 60)
+def test_frames_without_stamps_have_the_time_of_recording(tmp_path):
+    walk = load(bag_of(tmp_path, face_rows("face_a", START_S + T, WALK, "camera_link"), stamped=False))
+    np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
+    np.testing.assert_allclose(walk.delays_s, 0.0)
 
 
 def test_bad_rows_are_left_out_and_counted(tmp_path):
     rows = face_rows("face_a", START_S + T[:5], [0.0, 0.0, 1.0])
     rows += [rows[2], (START_S + 1, rows[0][1], "face_a", [0, 0, np.nan], (1, 0, 0, 0))]
     rows += [(START_S + 2, rows[0][1], "face_a", [0, 0, 1.0], (0, 0, 0, 0))]
-    ((seen, _),) = read_bag_tracks(write_bag(tmp_path / "bag", rows))
+    ((seen, _),) = read_bag_tracks(bag_of(tmp_path, rows))
     assert (seen.poses.times_s.size, seen.left_out) == (5, 3)
 
 

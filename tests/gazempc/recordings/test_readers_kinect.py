@@ -126,4 +126,4 @@ def test_damage_is_named(tmp_path, change, named):
     content = copy.deepcopy(document())
     change(content)
     path = write(tmp_path / "walk.json", content)
-    assert_refused(path, str(path), "Expected: ", *named)
+    assert_refused(path, str(path), *named)

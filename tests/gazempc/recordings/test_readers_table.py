@@ -10,9 +10,8 @@ import pytest
 from builders.recordings import assert_refused
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import GazempcError, RecordingError
+from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.labels import route_group
 from gazempc.recordings.readers.tables.people import COLUMNS
 
 N = 60
@@ -29,8 +28,9 @@ def walk_values():
 
 
 def table_rows(values=None):
+    """A header and rows of text, of the first columns as far as there are values."""
     values = walk_values() if values is None else values
-    return [list(COLUMNS), *[[repr(float(v)) for v in row] for row in values]]
+    return [list(COLUMNS[: values.shape[1]]), *[[repr(float(v)) for v in row] for row in values]]
 
 
 def write_rows(path, rows):
@@ -74,11 +74,6 @@ def test_tables_are_read_back_and_missing_columns_are_unknown_parts(tmp_path, en
     assert (recording.kind, recording.measured, recording.has_robot) == ("motion capture", None, False)
 
 
-def heads(times_s, head_m):
-    values = np.column_stack([times_s, head_m])
-    return [list(COLUMNS[:4]), *[[repr(float(v)) for v in row] for row in values]]
-
-
 @pytest.mark.parametrize(
     ("factor", "order", "named"),
     [
@@ -86,17 +81,19 @@ def heads(times_s, head_m):
         (1.0, [2, 1, 0], ["z does not point up", "4.72 m along z", "metres with z up"]),
     ],
 )
-def test_heads_in_another_unit_or_with_another_axis_up_are_refused(tmp_path, factor, order, named):
+def test_heads_alone_in_another_unit_or_with_another_axis_up_are_refused(tmp_path, factor, order, named):
     t = np.arange(60) / 15.0
     head_m = np.column_stack([1.2 * t, 0.02 * np.sin(6.0 * t), np.full(60, 1.7)])
-    assert_refused(write_rows(tmp_path / "a.csv", heads(t, factor * head_m[:, order])), *named)
+    rows = table_rows(np.column_stack([t, factor * head_m[:, order]]))
+    assert_refused(write_rows(tmp_path / "a.csv", rows), *named)
 
 
 def test_a_thousand_frames_a_second_with_unix_times_are_read(tmp_path):
     """The spacing of double-precision numbers at 1.7e9 is 2.4e-7."""
     t = 1_700_000_000.0 + np.arange(2000) / 1000.0
     head_m = np.column_stack([1.2 * (t - t[0]), np.zeros(2000), np.full(2000, 1.7)])
-    assert load(write_rows(tmp_path / "fast.csv", heads(t, head_m))).times_s.size == 2000
+    rows = table_rows(np.column_stack([t, head_m]))
+    assert load(write_rows(tmp_path / "fast.csv", rows)).times_s.size == 2000
 
 
 def _set(row, column, text):
@@ -127,10 +124,7 @@ def _swap_y_and_z(rows):
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (
-            lambda rows: [row.pop(4) for row in rows],
-            ["header", "missing column(s) head_qw", "the columns t, head_x", "all of its columns or none"],
-        ),
+        (lambda rows: [row.pop(4) for row in rows], ["header", "missing column(s) head_qw", "the columns t, head_x"]),
         (_set(1, "head_x", "t"), ["header", "missing column(s) head_x"]),
         (lambda rows: [row.append(row[3]) for row in rows], ["more than one column head_z", "once"]),
         (_set(17, "head_y", "left"), ["row 17", "head_y", "'left' is not a number", "a number"]),
@@ -139,7 +133,6 @@ def _swap_y_and_z(rows):
         (lambda rows: rows.__delitem__(slice(1, None)), ["no rows", "a row a frame"]),
         (lambda rows: rows.__delitem__(slice(4, None)), ["only 3 frame(s)", "at least 4"]),
         (_set(12, "t", repr(9 / 30.0)), ["row 12", "0.3 follows 0.3 in row 11", "larger"]),
-        (_set(12, "t", "0.1"), ["row 12", "0.1 follows 0.3 in row 11"]),
         (_set(30, "head_qw", "0.5"), ["row 30", "head_q{w,x,y,z}", "norm is 0.56", "norm of 1"]),
         (_scale("t", 1e3), ["33.33 s", "milliseconds", "factor of 1000", "seconds"]),
         (_scale(POSITIONS, 1000.0), ["600 m", "(median)", "millimetres", "factor of 1000", "metres"]),
@@ -151,7 +144,7 @@ def test_damage_is_named(tmp_path, change, named):
     rows = table_rows()
     change(rows)
     path = write_rows(tmp_path / "walk.csv", rows)
-    assert_refused(path, str(path), "Expected: ", *named)
+    assert_refused(path, str(path), *named)
 
 
 @pytest.mark.parametrize(("column", "cell"), [("t", ""), ("head_x", "NaN"), ("t", "null"), ("head_x", "-inf")])
@@ -165,12 +158,11 @@ def test_rows_without_time_or_head_are_dropped_and_counted(tmp_path, column, cel
 
 
 def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path):
-    column, part = "pelvis_qz", "pelvis_quat_wxyz"
     rows = table_rows()
-    _set(9, column, "nan")(rows)
+    _set(9, "pelvis_qz", "nan")(rows)
     recording = load(write_rows(tmp_path / "walk.csv", rows))
-    assert np.isnan(getattr(recording.truth, part)[7]).all()
-    assert np.isfinite(np.delete(getattr(recording.truth, part), 7, axis=0)).all()
+    unknown = np.isnan(recording.truth.pelvis_quat_wxyz).any(axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(unknown), [7])
     assert "orientation is not known in 1 of 60 rows" in recording.notes[0]
 
 
@@ -207,20 +199,6 @@ def test_parquet_damage_is_named(tmp_path, column):
         load(path)
 
 
-def test_groups_of_real_walks_agree_with_their_index(walks_dir):
-    with (walks_dir / "index.csv").open(encoding="utf-8") as stream:
-        index = list(csv.DictReader(stream))
-    for row in index[::4]:
-        recording = load(walks_dir / f"{row['clip']}.csv")
-        labels = recording.labels
-        assert (labels.subject, labels.group, labels.description) == (
-            row["subject"],
-            row["group"],
-            row["source_description"],
-        )
-        assert route_group(recording.times_s, recording.truth.pelvis_position_m) == row["group"], row["clip"]
-
-
 def test_unknown_recordings_are_refused_with_the_accepted_kinds(tmp_path):
     assert load("subject03_R2").name == "subject03_R2"
     cases = {
@@ -235,4 +213,3 @@ def test_unknown_recordings_are_refused_with_the_accepted_kinds(tmp_path):
     cases[str(tmp_path / "pipe.csv")] = ["not a regular file"]
     for name, named in cases.items():
         assert_refused(name, *named)
-    assert issubclass(RecordingError, GazempcError)

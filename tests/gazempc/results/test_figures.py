@@ -16,13 +16,7 @@ from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import load_neck
 from gazempc.results.figures.angles import angles
-from gazempc.results.figures.animation import (
-    FRAME_MS,
-    LAST_FRAME_MS,
-    animate,
-    frame_times,
-    head_offset_deg,
-)
+from gazempc.results.figures.animation import FRAME_MS, LAST_FRAME_MS, animate, frame_times, head_offset_deg
 from gazempc.results.figures.birds_eye import draw_birds_eye
 from gazempc.results.figures.known import known_title, parts, running_contact, shown_head
 from gazempc.results.figures.overview import attended, draw_contact_bars, draw_gaze_error, overview

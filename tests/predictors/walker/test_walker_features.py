@@ -3,31 +3,13 @@
 import numpy as np
 import pytest
 from builders.people import yaw_quat
-from builders.walkers import moved, seen_of, straight_model
 from scipy.spatial.transform import Rotation
 
-from predictors import HeadObservation, Walker
-from predictors.walker.features import MIRROR, WalkerHistory
+from predictors import HeadObservation
+from predictors.walker.features import WalkerHistory
 from predictors.walker.window import WINDOW
 
 STATE = np.array([0.0, 0.0, 0.4, 1.2, 0.0, 0.0])
-
-
-def inputs_of(observations):
-    walker, found = Walker(straight_model()), []
-    for observation in observations:
-        walker.update(observation)
-        found.append(walker.inputs())
-    return found
-
-
-@pytest.mark.parametrize("sensor", ["reference", "face_camera"])
-def test_mirrored_inputs_are_the_inputs_of_the_mirrored_walk(sensor):
-    observations = seen_of("subject05_R6", sensor)
-    mirrored = [moved(o, 0.0, np.zeros(3), mirror=True) for o in observations]
-    for a, b in zip(inputs_of(observations), inputs_of(mirrored), strict=True):
-        np.testing.assert_allclose(b.network, a.network * MIRROR, atol=1e-6)
-        np.testing.assert_allclose(b.spread, a.spread, atol=1e-6)
 
 
 def test_positions_are_relative_to_the_line_in_its_own_frame():

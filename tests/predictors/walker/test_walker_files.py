@@ -34,7 +34,6 @@ def test_the_shipped_numbers_say_where_they_are_from():
     assert len(about["recordings"]) == 77
     assert "experiments.fit" in about["command"]
     assert "/" not in json.dumps(about["command"])
-    assert model.degrees_of_freedom < 30.0  # people who turn err with long tails
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "hidden", "blind_weights_0"])

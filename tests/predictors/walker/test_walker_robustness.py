@@ -80,9 +80,7 @@ def test_a_jump_of_half_a_metre_is_refused():
     clean, _ = forecasts(observations)
     for k in (20, 40, 60):
         o = observations[k]
-        observations[k] = dataclasses.replace(
-            o, head_position_base_m=o.head_position_base_m + np.array([0.5, 0.0, 0.0])
-        )
+        observations[k] = dataclasses.replace(o, head_position_base_m=o.head_position_base_m + 0.5 * np.eye(3)[0])
     shaken, _ = forecasts(observations)
     # Afterwards all is as if the frames had been missing.
     assert np.max(np.linalg.norm(shaken[62:, 3] - clean[62:, 3], axis=1)) < 0.06
