@@ -76,7 +76,7 @@ def test_a_signal_ends_a_run_with_its_results_so_far(tmp_path):
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [("gazempc.run", "gazempc run"), ("experiments.console", "gazempc run"), ("experiments.compare", "compare")],
+    [("experiments.console", "gazempc run"), ("experiments.compare", "compare")],
 )
 def test_a_signal_during_the_imports_is_one_line(module, name):
     """The first heavy module that the command imports is the signal's moment."""

@@ -17,20 +17,9 @@ from gazempc.sim.simulated import SimulatedNeck
 KINDS = (PREDICTOR, CONTROLLER, ROBOT, SOURCE)
 
 
-@pytest.mark.parametrize(
-    ("choice", "own"),
-    [
-        ("my_parts:Mine", True),
-        ("a.b.c:D.e", True),
-        ("mpc", False),
-        ("udp:5005", False),
-        (":Mine", False),
-        ("my-parts:Mine", False),
-        ("", False),
-    ],
-)
-def test_a_part_of_one_s_own_is_told_from_everything_else(choice, own):
-    assert is_own(choice) == own
+def test_a_part_of_one_s_own_is_told_from_everything_else():
+    own = {"my_parts:Mine", "a.b.c:D.e"}
+    assert {each for each in (*own, "mpc", "udp:5005", ":Mine", "my-parts:Mine", "") if is_own(each)} == own
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -109,13 +98,8 @@ THING = Kind("thing", {}, {})
     ("words", "rest", "options"),
     [
         ([], [], {}),
-        (["--options.gain", "0.3"], [], {"gain": "0.3"}),
         (["--options.gain=0.3"], [], {"gain": "0.3"}),
-        (
-            ["--out", "x", "--options.robot.port", "tty", "--seed", "1"],
-            ["--out", "x", "--seed", "1"],
-            {"robot.port": "tty"},
-        ),
+        (["--out", "x", "--options.robot.port", "tty", "--a"], ["--out", "x", "--a"], {"robot.port": "tty"}),
         (["--options.dynamixel.port", "tty"], ["--options.dynamixel.port", "tty"], {}),
         (["--options.a", "1", "--options.a", "2"], [], {"a": "2"}),
     ],
@@ -205,8 +189,9 @@ def test_an_option_that_nobody_takes_is_refused_with_what_is_accepted(own):
     with pytest.raises(SettingsError) as raised:
         check_options(chosen, {"gian": 1, "robot.gain": 2, "gain": 3})
     first, second = str(raised.value).splitlines()
-    assert first.startswith("options.gian: no chosen part takes it; perhaps you meant 'gain'")
-    assert second.startswith("options.robot.gain: no chosen part takes it")
+    assert first.startswith("options.gian: ")
+    assert "'gain'" in first
+    assert second.startswith("options.robot.gain: ")
     check_options([(PREDICTOR, "walker")], {})
     with pytest.raises(SettingsError, match="none is chosen"):
         check_options([(PREDICTOR, "walker")], {"gain": 1})

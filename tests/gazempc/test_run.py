@@ -15,12 +15,6 @@ from gazempc.results.run_summary import LABELS
 from gazempc.run import main, parse
 from gazempc.run_settings import load_settings
 
-ROW_KEYS = (
-    "controller predictor gaze_error_rms_deg gaze_error_median_deg gaze_error_p95_deg eye_contact_2p6 eye_contact_4 "
-    "eye_contact_9 gap_closed rms_acceleration_rad_s2 peak_velocity_rad_s peak_acceleration_rad_s2 peak_jerk_rad_s3 "
-    "limit_violations step_ms_p50 step_ms_p99"
-)
-
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
@@ -51,7 +45,6 @@ def test_the_main_job_writes_all_it_promises(main_job):
     assert summary["settings"]["placement"] == "recorded"
     assert summary["versions"]["numpy"] == np.__version__
     assert [row["controller"] for row in summary["rows"]] == list(LABELS)
-    assert all(set(row) >= set(ROW_KEYS.split()) for row in summary["rows"])
 
 
 def said_to_be_written(said):
@@ -159,7 +152,7 @@ def test_wrong_config_files_are_refused_with_all_errors(tmp_path, text, expected
     path.write_text(text)
     with pytest.raises(SettingsError) as caught:
         load_settings(path)
-    for part in ["wrong.yaml", *expected]:
+    for part in ("wrong.yaml", *expected):
         assert part in str(caught.value)
 
 

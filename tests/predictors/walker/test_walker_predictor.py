@@ -111,7 +111,7 @@ def test_without_a_stated_covariance_the_measured_one_is_the_filter_s():
     rng = np.random.default_rng(0)
     told, untold, sure = (Walker(straight_model()) for _ in range(3))
     off = {id(w): [] for w in (told, untold, sure)}
-    for k in range(180):
+    for k in range(120):
         seen = HeadObservation(k / 30, np.array([1.2 * k / 30, 0, 0.4]) + rng.standard_normal(3) * [0.05, 0.002, 0.002])
         big, small = np.diag([0.05, 0.003, 0.003]) ** 2, 0.003**2 * np.eye(3)
         for walker, stated in ((told, big), (untold, None), (sure, small)):

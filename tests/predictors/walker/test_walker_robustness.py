@@ -86,10 +86,9 @@ def test_a_jump_of_half_a_metre_is_refused():
     assert np.max(np.linalg.norm(shaken[62:, 3] - clean[62:, 3], axis=1)) < 0.06
 
 
-@pytest.mark.parametrize("gap_s", [0.2, 1.0])
-def test_a_gap_is_coasted_with_growing_doubt_and_overcome(gap_s):
+def test_a_gap_is_coasted_with_growing_doubt_and_overcome():
     """While nothing comes the track goes on; afterwards the forecast comes back to that without a gap."""
-    observations = seen_of("subject06_R1")
+    observations, gap_s = seen_of("subject06_R1"), 1.0
     whole, _ = forecasts(observations)
     begin_s = observations[45].capture_time_s
     kept = [o for o in observations if not begin_s < o.capture_time_s <= begin_s + gap_s]
