@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from builders.attention import of_motion
-from builders.recordings import synthetic
+from builders.recordings import reordered, synthetic
 from builders.replays import QUICK, replayed
 
 import gazempc as gz
@@ -17,7 +17,7 @@ TICKS = 1200
 
 @pytest.fixture(scope="module")
 def replay_log():
-    return replayed(synthetic("subject03_R1"), "reactive", settings=QUICK, neck=NECK)
+    return replayed(reordered(synthetic("subject03_R1"), range(60)), "reactive", settings=QUICK, neck=NECK)
 
 
 def log_of(replay_log, pan_deg, framing, capture_time_s=None):

@@ -1,6 +1,5 @@
 """The report: it says what the metrics say, needs no other file, and shows what a stranger wrote as text."""
 
-import io
 import json
 import re
 from dataclasses import replace
@@ -9,8 +8,8 @@ import numpy as np
 import pytest
 from bs4 import BeautifulSoup
 from builders.browser import browser
-from builders.recordings import synthetic
-from builders.replays import QUICK, cut, replayed
+from builders.recordings import reordered, synthetic
+from builders.replays import QUICK, replayed
 from PIL import Image
 
 from gazempc.loop.events import MEANINGS
@@ -26,8 +25,8 @@ EVIL = '</script><script>throw 1</script><img src="https://outside.example/x.png
 
 @pytest.fixture(scope="module")
 def logs():
-    placed = synthetic("subject03_R1")
-    return {name: cut(replayed(placed, name, settings=QUICK), 0.0, 2.0) for name in ("reactive", "lookahead")}
+    walk = reordered(synthetic("subject03_R1"), range(60))
+    return {name: replayed(walk, name, settings=QUICK) for name in ("reactive", "lookahead")}
 
 
 def page_of(logs, **changes):
@@ -39,11 +38,6 @@ def written(page, folder):
     assert write_page(page, folder) == "report.html"
     text = (folder / "report.html").read_text(encoding="utf-8")
     return text, BeautifulSoup(text, "html.parser")
-
-
-def plain_page(**changes):
-    given = {"title": "t", "question": "q", "answer": ("a",), "setup": {}, "command": "c", "settings": {}}
-    return Page(**(given | changes))
 
 
 def test_numbers_and_curves_are_those_of_the_log(logs, tmp_path):
@@ -58,8 +52,7 @@ def test_numbers_and_curves_are_those_of_the_log(logs, tmp_path):
         assert curve["xs"] == pytest.approx(log.time_s - log.time_s[0], rel=1e-4)
         assert np.array(curve["ys"], float) == pytest.approx(gaze_error_deg(log), rel=1e-4, abs=1e-9, nan_ok=True)
     # A print without colours tells them apart.
-    dashes = [path["stroke-dasharray"] for path in soup.select(".legend path")]
-    assert len(set(dashes)) == len(logs)
+    assert len({path["stroke-dasharray"] for path in soup.select(".legend path")}) == len(logs)
 
 
 def test_the_page_needs_no_other_file(logs, tmp_path):
@@ -84,10 +77,9 @@ def test_what_others_wrote_is_shown_as_text(logs, tmp_path):
     assert len(soup.find_all("script")) == 2  # the data of the chart, and the page's own
     assert soup.find_all("img") == []
     assert "<img" not in text
-    unusual = soup.find(id="unusual").text
-    assert EVIL in unusual
-    assert MEANINGS["forecast_failed"] in unusual
-    assert soup.find(id="unusual").pre.text == EVIL
+    unusual = soup.find(id="unusual")
+    assert MEANINGS["forecast_failed"] in unusual.text
+    assert unusual.pre.text == EVIL
     assert soup.find(class_="command").text == EVIL
 
 
@@ -113,8 +105,11 @@ def test_a_page_of_large_content_stays_small(tmp_path):
     peak = rng.normal(size=x.size)
     peak[12_345] = 99.0
     curves = (Curve("one", "red", x, peak), Curve("none", "blue", x, np.full(x.size, np.nan)))
-    (tmp_path / "large.gif").write_bytes(gif(10, 10) + bytes(2_000_000))
-    page = plain_page(
+    Image.new("P", (10, 10)).save(tmp_path / "large.gif")
+    with (tmp_path / "large.gif").open("ab") as file:
+        file.write(bytes(2_000_000))
+    page = Page(
+        **{"title": "t", "question": "q", "answer": ("a",), "setup": {}, "command": "c", "settings": {}},
         tables=(PageTable("", ("a", "b"), tuple((f"row {i}", "1") for i in range(2000))),),
         charts=(Chart("c", "x", "y", curves),),
         unusual=tuple(Unusual(f"event {i}", "words " * 5000, "line\n" * 5000) for i in range(300)),
@@ -129,12 +124,6 @@ def test_a_page_of_large_content_stays_small(tmp_path):
     assert set(empty["ys"]) == {None}
     assert soup.find(id="pictures").find("img") is None
     assert soup.find(id="pictures").figcaption.text == "an animation: too large for this page, see the file large.gif"
-
-
-def gif(width, height):
-    out = io.BytesIO()
-    Image.new("P", (width, height)).save(out, "GIF")
-    return out.getvalue()
 
 
 @pytest.mark.slow
