@@ -60,10 +60,13 @@ def test_the_command_to_use_has_the_options_and_the_measured_signs():
 def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys, real_time):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
-    few = {"positive_rad_s": [0.2, 0.8], "negative_rad_s": [0.16, 0.8]}
+    few = {
+        "pan": SpeedSteps(positive_rad_s=[0.2, 0.8], negative_rad_s=[0.16, 0.8]),
+        "tilt": SpeedSteps(positive_rad_s=[0.8], negative_rad_s=[0.8]),
+    }
     axes = {
-        name: getattr(PTZ, name).model_copy(update={"speed_steps": SpeedSteps(**few), "velocity_max_rad_s": 0.8})
-        for name in ("pan", "tilt")
+        name: getattr(PTZ, name).model_copy(update={"speed_steps": steps, "velocity_max_rad_s": 0.8})
+        for name, steps in few.items()
     }
     given = tmp_path / "given.toml"
     given.write_text(as_toml(PTZ.model_copy(update=axes).model_dump(exclude_none=True)))
@@ -71,10 +74,9 @@ def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys, real_time):
     assert main([*words, "--camera.fov-deg", "65", "--out", str(out)]) == 0
     neck, text = load_neck(out), capsys.readouterr().out
     for name in ("pan", "tilt"):
-        axis, steps = getattr(neck, name), getattr(neck, name).speed_steps
+        axis = getattr(neck, name)
         assert axis.dead_time_s == pytest.approx(PTZ.pan.dead_time_s, abs=0.015)
-        np.testing.assert_allclose(steps.positive_rad_s, few["positive_rad_s"], rtol=0.03)
-        np.testing.assert_allclose(steps.negative_rad_s, few["negative_rad_s"], rtol=0.03)
+        np.testing.assert_allclose(axis.speed_steps.levels_rad_s, few[name].levels_rad_s, rtol=0.03)
     assert neck.head_view_deg == pytest.approx((60.0, 36.0), abs=1.0)
     latency_ms = float(text.rsplit("--camera.latency-ms ", 1)[1].split()[0])
     assert latency_ms == pytest.approx(1e3 * LATENCY_S, abs=30.0)

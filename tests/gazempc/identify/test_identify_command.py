@@ -21,7 +21,7 @@ SERVO = ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
 @pytest.mark.slow
 def test_command_line_identifies_a_robot_and_its_record(tmp_path, capsys):
     out = tmp_path / "sub" / "mine.toml"
-    assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "8"]) == 0
+    assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "6"]) == 0
     said = capsys.readouterr().out
     assert "400.0 ± 0.1" in said
     assert str(out) in said
@@ -39,8 +39,8 @@ def test_command_line_identifies_a_robot_and_its_record(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_a_replay_determines_neck_and_sensor_latency(tmp_path, capsys):
-    words = ["--replay", "subject03_R4", "--controllers", "lookahead", "--no-figures", "--noise-seeds", "1"]
-    assert run_main([*words, "--out", str(tmp_path)]) == 0
+    words = ["--replay", "subject03_R4", "--controllers", "lookahead", "--predictor", "constant_velocity"]
+    assert run_main([*words, "--no-figures", "--noise-seeds", "1", "--out", str(tmp_path)]) == 0
     capsys.readouterr()
     path = tmp_path / "lookahead.npz"
     assert identify.main(["--from-log", str(path), "--out", str(tmp_path / "n.toml")]) == 0

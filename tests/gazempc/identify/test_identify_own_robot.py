@@ -51,7 +51,7 @@ def _in_the_folder_of_the_robot(tmp_path_factory):
 
 
 def test_its_dead_time_is_found(tmp_path):
-    words = ["--robot", "robot_to_identify:Head", "--duration-s", "8", "--out", str(tmp_path / "mine.toml")]
+    words = ["--robot", "robot_to_identify:Head", "--duration-s", "6", "--out", str(tmp_path / "mine.toml")]
     assert main([*words, "--options.dead_time_s", "0.25"]) == 0
     measured = tomllib.loads((tmp_path / "mine.toml").read_text())
     assert measured["pan"]["dead_time_s"] == pytest.approx(0.25, abs=0.002)

@@ -34,7 +34,7 @@ def test_bandwidth_is_where_the_answer_is_3_db_down(wn, zeta):
 
 def test_95_percent_intervals_hold_the_truth_where_errors_are_correlated_in_time():
     """Of a smooth regression with autoregressive errors; errors of channels that share a time are correlated, too."""
-    rng, times, draws, rhos, channels = np.random.default_rng(0), 400, 300, (0.0, 0.5, 0.8, 0.95), 3
+    rng, times, draws, rhos, channels = np.random.default_rng(0), 400, 150, (0.0, 0.5, 0.8, 0.95), 3
     t = np.arange(times) / 30.0
     jacobian = np.repeat(np.column_stack([np.sin(3.0 * t), np.cos(5.0 * t + 1.0)]), channels, axis=0)
     solve = np.linalg.pinv(jacobian)

@@ -112,8 +112,8 @@ def test_motion_blur_and_dim_light_are_survived(room, share, exposure_s):
 
 
 def test_the_delays_interval_covers_the_truth():
-    found = [estimate_turns(pulses(noise_deg=0.1, seed=seed), 1.0).delay_s for seed in range(8)]
-    assert sum(each.low <= 0.5 <= each.high for each in found) >= 6
+    found = [estimate_turns(pulses(noise_deg=0.1, seed=seed), 1.0).delay_s for seed in range(5)]
+    assert sum(each.low <= 0.5 <= each.high for each in found) >= 4
 
 
 def test_a_scene_that_does_not_follow_is_refused():

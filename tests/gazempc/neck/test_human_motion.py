@@ -56,10 +56,8 @@ def test_no_limit_is_raised_and_a_second_time_changes_nothing(neck):
     human = with_motion(neck, "human")
     for name in ("velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3"):
         assert np.all(getattr(human, name) <= getattr(neck, name))
-    assert (human.dead_time_s.tolist(), human.servo_lag_s.tolist()) == (
-        neck.dead_time_s.tolist(),
-        neck.servo_lag_s.tolist(),
-    )
+    for name in ("dead_time_s", "servo_lag_s"):
+        np.testing.assert_array_equal(getattr(human, name), getattr(neck, name))
     assert with_motion(neck, "robot") is neck
     assert 0.2 < motor_scale(neck.pan) < 1.0
 

@@ -45,9 +45,8 @@ def test_every_shipped_neck_has_a_source_and_command_limits_inside_its_own(name)
     assert len(neck.source) > 20
     limits = neck.command_limits
     assert np.all((limits.position_min_rad <= neck.rest_rad) & (neck.rest_rad <= limits.position_max_rad))
-    assert np.all(
-        (neck.position_min_rad <= limits.position_min_rad) & (limits.position_max_rad <= neck.position_max_rad)
-    )
+    assert np.all(neck.position_min_rad <= limits.position_min_rad)
+    assert np.all(limits.position_max_rad <= neck.position_max_rad)
     for field in ("velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3"):
         assert np.all(getattr(limits, field) <= getattr(neck, field))
 
@@ -73,14 +72,13 @@ def smooth(raw, neck):
     centre = 0.5 * (limits.position_max_rad[0] + limits.position_min_rad[0])
     bound = 0.5 * (limits.position_max_rad[0] - limits.position_min_rad[0])
     command = bound * raw
-    for limit in (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3):
+    bounds = (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3)
+    for limit in bounds:
         n = int(np.ceil(2.0 * bound / (limit[0] * dt)))
         bound = 2.0 * bound / (n * dt)
         # Held before the start, so that the joint begins at rest on the command.
         command = np.convolve(np.concatenate([np.full(n - 1, command[0]), command]), np.full(n, 1.0 / n), "valid")
-    for order, limit in enumerate(
-        (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3), 1
-    ):
+    for order, limit in enumerate(bounds, 1):
         assert np.all(np.abs(np.diff(command, order)) <= limit[0] * dt**order * (1 + 1e-6))
     return centre + command
 
@@ -183,16 +181,13 @@ def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path, change, line):
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_one():
-    with pytest.raises(
-        SettingsError, match=r"no neck file 'referense'.*perhaps you meant 'reference'; accepted: .*slow"
-    ):
+    with pytest.raises(SettingsError, match=r"'referense'.*'reference'.*slow"):
         load_neck("referense")
 
 
 def test_necks_are_equal_by_their_fields_alone():
     used, unused = load_neck("reference"), load_neck("reference")
-    assert used.command_limits is not None
-    assert used.dead_time_s.size == 2
+    used.command_limits  # noqa: B018, arrays that are kept are no fields
     assert used == unused
     assert hash(used) == hash(unused)
     assert used != load_neck("slow")

@@ -51,9 +51,8 @@ def test_limits_are_of_the_picture_so_that_a_closer_zoom_is_as_calm():
 
 
 def test_the_angles_of_the_picture_are_the_neck_files_or_needed():
-    assert FramedPicture.of(Framing(), NECK.model_copy(update={"head_view_deg": (50.0, 30.0)})).view_rad[
-        0
-    ] == np.radians(50.0)
+    seen = NECK.model_copy(update={"head_view_deg": (50.0, 30.0)})
+    assert FramedPicture.of(Framing(), seen).view_rad[0] == np.radians(50.0)
     assert FramedPicture.of(Framing(subject="no"), NECK) is None
     with pytest.raises(gz.GazempcError, match="view_deg"):
         gz.Mpc(NECK, framing=Framing())

@@ -110,7 +110,7 @@ def test_another_rhythm_from_now_on():
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["listening"])
 def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time(mode):
-    scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 25.0), SceneSettings(sensor="reference", placement="recorded"))
+    scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 16.0), SceneSettings(sensor="reference", placement="recorded"))
     settings = ReplaySettings(look_away=LookAwaySettings(rhythm=mode))
     log = replay_scene(scene, "mpc", "constant_velocity", settings).log
     found = measure_attention(log)

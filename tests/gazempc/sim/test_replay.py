@@ -4,16 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from builders.attention import attention_log
 from builders.recordings import reordered, synthetic
-from builders.replays import replayed
+from builders.replays import QUICK, replayed
 
 from gazempc.command import Progress
-from gazempc.controllers.mpc.condense import axis_model, condense
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import LeftOutError
-from gazempc.loop.observer import observer_gain
-from gazempc.neck import servo
-from gazempc.neck.ahead import settled_joints
 from gazempc.neck.spec import load_neck
 from gazempc.parts import TRUE_FUTURE, check_gaze
 from gazempc.results.log_files import load_log
@@ -27,11 +24,12 @@ from gazempc.sim.scene import SceneSettings, make_scene
 def test_the_same_arguments_give_the_same_log_to_the_last_bit(tmp_path):
     """Also with a controller whose solvers have a warm start from another recording; another seed differs."""
     neck = load_neck("slow")
-    first, other = (reordered(synthetic(name), range(60)) for name in ("subject03_R4", "subject01_R6"))
+    first, other = (reordered(synthetic(name), range(45)) for name in ("subject03_R4", "subject01_R6"))
     controller = Mpc(neck)
     for name, walk, seed in (("a", first, 2), ("b", other, 2), ("c", first, 2), ("d", first, 3)):
-        replayed(walk, controller, neck=neck, settings=ReplaySettings(seed=seed)).save(tmp_path / f"{name}.npz")
-    replayed(first, neck=neck, settings=ReplaySettings(seed=2)).save(tmp_path / "fresh.npz")
+        settings = QUICK.model_copy(update={"seed": seed})
+        replayed(walk, controller, neck=neck, settings=settings).save(tmp_path / f"{name}.npz")
+    replayed(first, neck=neck, settings=QUICK.model_copy(update={"seed": 2})).save(tmp_path / "fresh.npz")
     a, c, d = ((tmp_path / f"{name}.npz").read_bytes() for name in "acd")
     assert a == c
     assert a != d
@@ -43,7 +41,7 @@ def test_a_recording_too_short_to_be_scored_is_refused():
     recording = synthetic("subject01_R1")
     with pytest.raises(LeftOutError, match=r"subject01_R1: 0\.63 s is too short"):
         replayed(reordered(recording, range(20)), "lookahead")
-    log = replayed(recording, "reactive")
+    log = attention_log(np.zeros(400))
     with pytest.raises(LeftOutError, match="known at 0 ticks"):
         measure(dataclasses.replace(log, head_true_base_m=np.full_like(log.head_true_base_m, np.nan)))
 
@@ -72,19 +70,19 @@ def test_the_former_name_of_the_true_future_warns():
         check_gaze("mpc+perfekt")
 
 
-SETTINGS = ReplaySettings(predictor="constant_velocity", seed=3)
-CONTROLLERS = ("lookahead",)
+WALK = reordered(synthetic("subject02_R1"), range(45))
+SETTINGS = QUICK.model_copy(update={"seed": 3})
 
 
-def repeated(count, settings=SETTINGS, controllers=CONTROLLERS):
-    scene = make_scene("subject02_R1", settings)
+def repeated(count, settings=SETTINGS, controllers=("lookahead",)):
+    scene = make_scene(WALK, settings)
     return scene, repeat.replay_repeatedly(scene, settings, controllers, count, Progress())
 
 
 def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
     scene, done = repeated(2)
     for seed, row in zip((3, 4), done.repeats[0].rows, strict=True):
-        again = make_scene("subject02_R1", SETTINGS.model_copy(update={"seed": seed}))
+        again = make_scene(WALK, SETTINGS.model_copy(update={"seed": seed}))
         log = replay_scene(again, "lookahead", "constant_velocity", SETTINGS).log
         np.testing.assert_equal(row.metrics.as_dict(), measure(log).as_dict())
         if seed == 3:
@@ -109,19 +107,6 @@ def test_without_noise_one_seed_is_enough(monkeypatch):
 
 
 REFERENCE, SLOW = load_neck("reference"), load_neck("slow")
-CACHES = (axis_model, condense, observer_gain, servo._transition, settled_joints)
-
-
-@pytest.fixture(autouse=True)
-def nothing_shared_yet():
-    forget()
-    yield
-    forget()
-
-
-def forget():
-    for cached in CACHES:
-        cached.cache_clear()
 
 
 def test_necks_and_settings_do_not_share():
@@ -132,17 +117,8 @@ def test_necks_and_settings_do_not_share():
 
     limit = REFERENCE.model_copy(update={"pan": REFERENCE.pan.model_copy(update={"jerk_max_rad_s3": 200.0})})
     rate = REFERENCE.model_copy(update={"servo_rate_hz": 400.0})
-    gains = [
-        gain(mpc)
-        for mpc in (
-            Mpc(REFERENCE),
-            Mpc(SLOW),
-            Mpc(limit),
-            Mpc(rate),
-            Mpc(REFERENCE, horizon_s=0.6),
-            Mpc(REFERENCE, smoothing_time_s=0.1),
-        )
-    ]
+    made = [Mpc(neck) for neck in (REFERENCE, SLOW, limit, rate)]
+    gains = list(map(gain, [*made, Mpc(REFERENCE, horizon_s=0.6), Mpc(REFERENCE, smoothing_time_s=0.1)]))
     assert len(set(gains)) == len(gains)
     assert gain(Mpc(REFERENCE)) == gains[0]
 
@@ -150,8 +126,8 @@ def test_necks_and_settings_do_not_share():
 def test_the_same_neck_shares_but_cannot_be_written_to():
     """Two controllers have their matrices in common, and solvers of their own; a change is an error."""
     first, second = Mpc(REFERENCE).ocps[0], Mpc(REFERENCE).ocps[0]
-    assert first.program is second.program
     assert first is not second
+    assert first.program is second.program
     program = first.program
     for array in (program.data.h, program.data.a, program.rows_map, program.gain, program.cost_map):
         with pytest.raises(ValueError, match="read-only"):

@@ -10,7 +10,6 @@ from gazempc.errors import PlacementError
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.results.metrics import measure
-from gazempc.run import main
 
 pytestmark = pytest.mark.slow
 
@@ -19,13 +18,13 @@ CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
 
 
 def clips(walks_dir):
-    """The first clip of each person and group: all of those who turn, and of every fourth who walks straight."""
+    """The first clip of each person and group: of every other who turns, and of every eighth who walks straight."""
     with (walks_dir / "index.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     first = {(row["subject"], row["group"]): row for row in reversed(rows)}
     turns = [row for (_, group), row in first.items() if group != "straight"]
     straight = [row for (_, group), row in first.items() if group == "straight"]
-    return turns + straight[::4]
+    return turns[::2] + straight[::8]
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +66,9 @@ def test_the_gaze_errs_as_little_as_measured(results, controller, group):
 
 
 def test_who_only_reacts_errs_by_the_delay(results):
-    """13.4 deg as measured, ten times as much as with prediction."""
+    """13.4 deg as measured, ten times as much as with prediction; no limit is ever violated."""
     assert mean_rms(results, "reactive") == pytest.approx(13.4, rel=0.15)
+    assert all(m.limit_violations == 0 for m in results.values())
 
 
 def test_a_reactive_gaze_is_hardly_ever_on_the_face_and_a_predictive_one_nearly_always(results):
@@ -78,16 +78,4 @@ def test_a_reactive_gaze_is_hardly_ever_on_the_face_and_a_predictive_one_nearly_
         return np.mean([m.eye_contact_2p6 for (_, c, _), m in results.items() if c == controller])
 
     assert contact("reactive") < 0.03
-    assert contact("lookahead") > 0.88
-    assert contact("mpc") > 0.88
-
-
-def test_no_limit_is_ever_violated(results):
-    assert all(m.limit_violations == 0 for m in results.values())
-
-
-def test_a_walk_by_path_from_the_command_line(walks_dir, tmp_path, capsys):
-    path = walks_dir / "cmu16_trial17.csv"
-    words = ["--replay", str(path), "--controllers", "reactive", "mpc", "--no-figures", "--out", str(tmp_path)]
-    assert main(words) == 0
-    assert "motion capture" in capsys.readouterr().out
+    assert min(contact("lookahead"), contact("mpc")) > 0.88

@@ -28,15 +28,13 @@ def test_wander_on_each_axis_has_its_sd_and_correlation_time():
 
 
 def test_range_error_is_a_share_of_the_range_along_the_line_of_sight_only():
-    along, left, up = on_sight(
-        position_errors(LONG, along={"noise_share": 0.035, "wander_share": 0.04, "wander_time_s": 2.0})
-    )
+    share = {"noise_share": 0.035, "wander_share": 0.04, "wander_time_s": 2.0}
+    along, left, up = on_sight(position_errors(LONG, along=share))
     assert along.std() == pytest.approx(RANGE_M * np.hypot(0.035, 0.04), rel=0.1)
     slow = 0.04**2 / (0.035**2 + 0.04**2)
     assert correlation(along, 1) == pytest.approx(slow * np.exp(-1 / 60), abs=0.1)
     assert correlation(along, 60) == pytest.approx(slow * np.exp(-1.0), abs=0.1)
-    assert np.abs(left).max() < 1e-12
-    assert np.abs(up).max() < 1e-12
+    assert np.abs([left, up]).max() < 1e-12
 
 
 def test_bearing_error_is_an_angle_on_both_axes_across():
@@ -55,12 +53,10 @@ def test_jumps_have_their_share_of_time_their_sizes_and_one_offset_each():
     size = np.linalg.norm(errors, axis=1)
     inside = size > 0
     assert inside.mean() == pytest.approx(0.15, abs=0.02)
-    assert 0.05 <= size[inside].min() < 0.056
-    assert 0.112 < size[inside].max() <= 0.12
+    assert (size[inside].min(), size[inside].max()) == pytest.approx((0.05, 0.12), abs=0.008)
     values, lengths = np.unique(errors[inside], axis=0, return_counts=True)
     assert len(values) == pytest.approx(300 / 2.0, rel=0.15)
-    assert lengths.min() >= 3
-    assert lengths.max() <= 16
+    assert 3 <= lengths.min() < lengths.max() <= 16
     # As many to each side of the three axes.
     assert (values > 0).mean(axis=0) == pytest.approx(0.5, abs=0.12)
     assert np.std(values, axis=0) == pytest.approx(0.0875 / np.sqrt(3), rel=0.2)
@@ -84,14 +80,11 @@ def test_the_other_person_is_shown_at_the_end_of_each_period_and_to_the_left(ids
     along, left, up = on_sight(position_errors(walk, other_person=other))
     shown = np.arange(540) % 54 >= 33
     assert left == pytest.approx(np.where(shown, 0.8, 0.0), abs=1e-9)
-    assert np.abs(along).max() < 1e-9
-    assert np.abs(up).max() < 1e-9
+    assert np.abs([along, up]).max() < 1e-9
     names = [o.person_id for o in seen(walk, other_person=other)]
     assert names == [("2" if one else "1") if ids else None for one in shown]
-    noisy = position_errors(walk, position_noise_m=0.01, other_person=other)
-    assert noisy - position_errors(walk, position_noise_m=0.01) == pytest.approx(
-        0.8 * shown[:, None] * LEFT / np.linalg.norm(LEFT), abs=1e-9
-    )
+    noisy, plain = (position_errors(walk, position_noise_m=0.01, **more) for more in ({"other_person": other}, {}))
+    assert noisy - plain == pytest.approx(0.8 * shown[:, None] * LEFT / np.linalg.norm(LEFT), abs=1e-9)
 
 
 def test_the_stated_covariance_is_that_of_the_errors_and_long_along_the_line_of_sight():
