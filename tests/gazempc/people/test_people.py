@@ -4,15 +4,51 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders.crowds import FRAME_S, frame, numbers_at, people, shown, stand, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gazempc.people.people import Became, People, middle_of
 from predictors import ConstantVelocity, Forecast, HeadObservation, Walker
 
+FRAME_S = 1.0 / 30.0
 A_M, B_M = np.array([2.0, 0.0, 0.4]), np.array([2.0, 1.5, 0.4])
 TIMES_S = np.arange(90) * FRAME_S
+
+
+def people(coast_s=1.0):
+    return People(ConstantVelocity, coast_s)
+
+
+def straight(start_m, velocity_m_s, at_s):
+    """Positions on a straight walk."""
+    return np.asarray(start_m) + np.asarray(at_s)[..., None] * np.asarray(velocity_m_s)
+
+
+def frame(time_s, positions_m, names=None, noise_m=0.0, rng=None):
+    """Detections of one instant; None is a person out of sight."""
+    names = names or [None] * len(positions_m)
+    noise = np.zeros(3) if rng is None else noise_m * rng.standard_normal(3)
+    return [
+        HeadObservation(time_s, np.asarray(where) + noise, person_id=name)
+        for where, name in zip(positions_m, names, strict=True)
+        if where is not None
+    ]
+
+
+def shown(crowd, frames):
+    """Show frames; gives what became of each detection, a list a frame."""
+    return [crowd.see(each) for each in frames]
+
+
+def stand(crowd, places_m, seconds=0.5, names=None, from_s=0.0):
+    """Show people who stand; gives the time of the last frame."""
+    for k in range(round(seconds / FRAME_S)):
+        crowd.see(frame(from_s + k * FRAME_S, places_m, names))
+    return from_s + (round(seconds / FRAME_S) - 1) * FRAME_S
+
+
+def numbers_at(crowd, time_s):
+    return [state.number for state in crowd.present(time_s)]
 
 
 def last_numbers(found):

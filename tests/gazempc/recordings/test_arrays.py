@@ -15,14 +15,9 @@ def test_what_is_given_is_kept():
     quats = Rotation.from_euler("z", np.linspace(0.0, 90.0, 120)[:, None], degrees=True).as_quat(scalar_first=True)
     pelvis_m = HEAD_M - [0.1, 0.0, 0.7]
     made = gz.recording_from_arrays(
-        "anna_1",
-        TIMES_S.tolist(),
-        HEAD_M.tolist(),
-        head_quat_wxyz=quats,
-        pelvis_position_m=pelvis_m,
-        pelvis_quat_wxyz=[0.0, 0.0, 0.0, 2.0 / 2.0],
-        in_base_frame=True,
-    )
+        "anna_1", TIMES_S.tolist(), HEAD_M.tolist(), in_base_frame=True,
+        head_quat_wxyz=quats, pelvis_position_m=pelvis_m, pelvis_quat_wxyz=[0.0, 0.0, 0.0, 1.0],
+    )  # fmt: skip
     np.testing.assert_array_equal(made.times_s, TIMES_S)
     np.testing.assert_array_equal(made.truth.head_position_m, HEAD_M)
     np.testing.assert_allclose(made.truth.head_quat_wxyz, quats)
@@ -42,14 +37,10 @@ def spoilt(array, row, value):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (
-            {"times_s": TIMES_S[:-1]},
-            "head_position_m: its shape is (120, 3). Expected: an array of numbers of shape (119, 3)",
-        ),
-        ({"times_s": TIMES_S[:, None]}, "times_s: its shape is (120, 1). Expected: an array of numbers of shape (N,)"),
+        ({"times_s": TIMES_S[:-1]}, "head_position_m: its shape is (120, 3)"),
+        ({"times_s": TIMES_S[:, None]}, "times_s: its shape is (120, 1)"),
         ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: the time stamp 0.0 follows"),
         ({"times_s": "now"}, "times_s: these are no numbers"),
-        ({"head_position_m": HEAD_M[:, :2]}, "head_position_m: its shape is (120, 2)"),
         ({"head_position_m": spoilt(HEAD_M, 5, np.nan)}, "row 5"),
         ({"head_position_m": 1e3 * HEAD_M}, "looks like millimetres"),
         ({"head_quat_wxyz": [1.0, 1.0, 0.0, 0.0]}, "head_quat_wxyz: not a unit quaternion"),

@@ -1,5 +1,7 @@
 """ROS 2 bags as recordings: known walks come back in the frame that is asked for, and what else is there is said."""
 
+import json
+
 import numpy as np
 import pytest
 from builders.bags import OPTICAL, face_rows, pose_rows, write_bag
@@ -9,6 +11,7 @@ from gazempc.errors import RecordingError, SettingsError
 from gazempc.recordings.load import load, load_together
 from gazempc.recordings.readers.bag import read_bag_tracks
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.run import main
 
 START_S = 1_700_000_000.0
 T = np.arange(60) / 30.0
@@ -219,3 +222,19 @@ def test_real_bags_have_their_people(bags_dir):
         assert longest.times_s.size > 100
         assert 0.5 < np.median(longest.position_m[:, 0]) < 2.5
         assert np.abs(np.median(longest.position_m[:, 2])) < 0.5
+
+
+def test_a_run_on_a_bag(tmp_path):
+    """A person crosses 2.5 m in front of a camera, facing to its left, with a tracker's noise."""
+    t = np.arange(70) / 30
+    noise = np.random.default_rng(0).normal(0, 0.004, (t.size, 3))
+    places = np.column_stack([np.full_like(t, 2.5), 1.0 * t - 1.2, np.full_like(t, 0.3)]) + noise
+    quat = (0.707107, 0, 0, 0.707107)
+    folder = write_bag(tmp_path / "me_01", face_rows("face_a", 1e9 + t, places, "camera_link", quat))
+    words = ["--replay", str(folder), "--controllers", "reactive", "lookahead", "--no-figures", "--noise-seeds", "1"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["kind"], summary["scored_against"].startswith("the tracker's own track")) == ("tracked", True)
+    assert (summary["settings"]["sensor"], summary["settings"]["placement"]) == ("recorded", "recorded")
+    rows = {row["controller"]: row for row in summary["rows"]}
+    assert rows["lookahead"]["gaze_error_rms_deg"] < rows["reactive"]["gaze_error_rms_deg"] / 3

@@ -1,4 +1,4 @@
-"""Mappings of columns: units, axes, orders, times and people, on tables whose walk is known."""
+"""Mappings of columns: units, axes, orders, times and people, on tables whose walk is known; proposals for others."""
 
 import numpy as np
 import pytest
@@ -257,3 +257,52 @@ def test_the_mapping_of_a_run_is_saved_and_found_again(tmp_path, capsys):
     assert main([*words, "--guess"]) == 0
     assert f"columns saved in {path}.columns.toml" in capsys.readouterr().out
     same_head(load(path))
+
+
+# ---------------------------------------------------------------- proposals
+
+
+TABLES = {
+    "an index first": (["", "timestamp", "head_x", "head_y", "head_z"], T, T, Walk.head_m),
+    "nanoseconds since 1970, mm, a quaternion": (
+        ["stamp_ns", *(f"pose.position.{c}" for c in "xyz"), *(f"pose.orientation.{c}" for c in "xyzw")],
+        1e9 * (1.7e9 + T), 1000 * Walk.head_m, Walk.head.as_quat(),
+    ),
+    "milliseconds, cm": (["stamp", "x", "y", "z"], 1000 * T, 100 * Walk.head_m),
+    "units in brackets": (["Time (s)", "Head X [mm]", "Head Y [mm]", "Head Z [mm]"], T, 1000 * Walk.head_m),
+    "PlotJuggler": (["__time", *(f"/face/pose/position/{c}" for c in "xyz")], 1.7e9 + T, Walk.head_m),
+    "a robot beside the head": (
+        ["time", *(f"{k}_{c}" for k in ("robot", "head") for c in "xyz")], T, 0 * Walk.head_m, Walk.head_m
+    ),
+    "commas in names": (["time, s", "head, x", "head, y", "head, z"], T, Walk.head_m),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_what_is_proposed_can_be_pasted_and_taken(tmp_path, name):
+    header, *columns = TABLES[name]
+    path = write(tmp_path / "a.csv", [f'"{cell}"' if "," in cell else cell for cell in header], *columns)
+    with pytest.raises(RecordingError, match=r"a guess: --reading\.columns ") as caught:
+        load(path)
+    pasted = str(caught.value).partition('--reading.columns "')[2].partition('"')[0]
+    for options in (ReadOptions(guess=True), ReadOptions(columns=pasted)):
+        found = load(path, options)
+        same_head(found, Walk.head_m)
+        np.testing.assert_allclose(found.times_s - found.times_s[0], T, atol=1e-6)
+
+
+def test_undetermined_parts_are_named(tmp_path):
+    path = write(tmp_path / "a.csv", ["frame", "id", "x", "y"], np.arange(float(T.size)), 0 * T + 3, Walk.head_m[:, :2])
+    with pytest.raises(RecordingError, match=r"30 frames a second is a guess; the file has no height: 1\.6 m stands"):
+        load(path)
+    same_head(load(path, ReadOptions(guess=True)), np.column_stack([Walk.head_m[:, :2], 0 * T + 1.6]))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [["t", "a", "b", "c"], ["k", "x", "y", "z"], ["t", *(f"head{k}_{c}" for k in (1, 2) for c in "xyz")]],
+)
+def test_nothing_to_guess(tmp_path, header):
+    heads = [Walk.head_m] * (len(header) // 3)
+    with pytest.raises(RecordingError, match="no columns that could be the time and one head"):
+        load(write(tmp_path / "a.csv", header, T, *heads), ReadOptions(guess=True))

@@ -10,6 +10,7 @@ from gazempc.errors import RecordingError, SettingsError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 
+OPTICAL = "camera_color_optical_frame"
 CAMERA_M = np.array([-2.0, 0.0, 1.2])
 
 
@@ -87,12 +88,7 @@ def test_xsens_mvnx(tmp_path):
 
 @pytest.mark.parametrize(
     ("kind", "frame"),
-    [
-        ("pose", "camera_color_optical_frame"),
-        ("point", "base_link"),
-        ("transform", "map"),
-        ("covariance", "camera_color_optical_frame"),
-    ],
+    [("pose", OPTICAL), ("point", "base_link"), ("transform", "map"), ("covariance", OPTICAL)],
 )
 def test_ros2_topic_echo(tmp_path, kind, frame):
     recording = load(exports.ros2_echo(tmp_path / "a.csv", kind, frame))
@@ -110,13 +106,10 @@ def test_tracks_of_pedestrians(tmp_path, write):
     path = write(tmp_path / "obsmat.txt")
     recording = load(path)
     np.testing.assert_allclose(recording.times_s - recording.times_s[0], 0.4 * np.arange(24), atol=1e-9)
-    np.testing.assert_allclose(recording.truth.head_position_m[:, 0], 5.0 + 0.5 * np.arange(24), atol=1e-9)
-    np.testing.assert_allclose(recording.truth.head_position_m[:, 1], 0.1 * np.arange(24), atol=1e-9)
-    np.testing.assert_allclose(recording.truth.head_position_m[:, 2], 1.6, atol=1e-9)
-    other = load(path, ReadOptions(person="3"))
-    np.testing.assert_allclose(
-        other.times_s - other.times_s[0], 0.4 * np.array([0, 1, 2, 3, *range(4, 24, 2)]), atol=1e-9
-    )
+    head_m = np.outer(np.arange(24), [0.5, 0.1, 0.0]) + np.array([5.0, 0.0, 1.6])
+    np.testing.assert_allclose(recording.truth.head_position_m, head_m, atol=1e-9)
+    times_s = load(path, ReadOptions(person="3")).times_s
+    np.testing.assert_allclose(times_s - times_s[0], 0.4 * np.array([0, 1, 2, 3, *range(4, 24, 2)]), atol=1e-9)
 
 
 @pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}"])

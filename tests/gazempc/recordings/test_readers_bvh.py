@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from builders.recordings import assert_refused
+from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
@@ -56,23 +57,11 @@ Frame Time: 0.0083333333
 
 
 def turn(axis, deg):
-    a, b = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    matrix = np.eye(3)
-    matrix[[a, b], [a, b]] = np.cos(np.radians(deg))
-    matrix[b, a] = np.sin(np.radians(deg))
-    matrix[a, b] = -matrix[b, a]
-    return matrix
+    return Rotation.from_euler(axis, deg, degrees=True).as_matrix()
 
 
 def matrices(quat_wxyz):
-    """Rotation matrices by the textbook formula, shape (N, 3, 3)."""
-    w, x, y, z = quat_wxyz.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return Rotation.from_quat(quat_wxyz, scalar_first=True).as_matrix()
 
 
 def write(path, head, frames):
@@ -122,7 +111,7 @@ def test_options_override_what_the_file_says(tmp_path):
     usual = load(path)
 
     def with_options(**options):
-        return load(path, ReadOptions.model_validate(options))
+        return load(path, ReadOptions(**options))
 
     np.testing.assert_allclose(with_options(bvh_frame_rate_hz=60.0).times_s, np.arange(N) / 60.0)
     larger = with_options(bvh_unit_m=0.011)
@@ -187,31 +176,18 @@ FIRST = len(Y_UP.splitlines())  # index of the first frame's line
 
 
 def _line(number, text):
-    def change(lines):
-        lines[number - 1] = text
-
-    return change
-
-
-def _cut(count):
-    def change(lines):
-        del lines[count:]
-
-    return change
+    return lambda lines: lines.__setitem__(number - 1, text)
 
 
 def _replace(old, new):
-    def change(lines):
-        lines[:] = "\n".join(lines).replace(old, new).splitlines()
-
-    return change
+    return lambda lines: lines.__setitem__(slice(None), [line.replace(old, new) for line in lines])
 
 
 @pytest.mark.parametrize(
     ("change", "named"),
     [
         (_line(1, "MOTION"), ["line 1", "HIERARCHY"]),
-        (_cut(FIRST + 11), [f"line {FIRST + 11}", "11 frames", "30"]),
+        (lambda lines: lines.__delitem__(slice(FIRST + 11, None)), [f"line {FIRST + 11}", "11 frames", "30"]),
         (lambda lines: lines.remove("}"), ["MOTION", "Hips"]),
         (_line(4, "OFFSET 0 0 nan"), ["line 4", "finite"]),
         (_line(5, "CHANNELS 1 Wrotation"), ["line 5", "Wrotation", "Xposition, Yposition"]),

@@ -1,4 +1,4 @@
-"""The synthetic data set: exact reproducibility, the experiment's frame, and people who walk like people."""
+"""The synthetic data set: exact reproducibility, people who walk like people, and the room that they walk in."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from gazempc.recordings.readers.labels import route_group
+from gazempc.recordings.synthetic.room import PAPER_ROOM, ROUTE_LANDMARKS
+from gazempc.recordings.synthetic.routes import ROUTES
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
 
 FRAME_S = 1.0 / 30.0
@@ -16,24 +18,16 @@ def walks():
     return {name: generate(name) for name in synthetic_names()}
 
 
-def route_of(walk):
-    return walk.name.split("_")[1]
+def yaw_rate(walk):
+    yaw = Rotation.from_quat(walk.truth.head_quat_wxyz, scalar_first=True).as_euler("ZYX")[:, 0]
+    return gaussian_filter1d(np.gradient(np.unwrap(yaw)), 8.0)
 
 
-def on_routes(walks, *routes):
-    return [walk for walk in walks.values() if route_of(walk) in routes]
-
-
-def yaw_rad(quat_wxyz):
-    yaw = Rotation.from_quat(quat_wxyz, scalar_first=True).as_euler("ZYX")[:, 0]
-    return np.unwrap(yaw)
-
-
-def travel(walk, sigma_frames=8.0):
-    """Speed and direction of the pelvis with the gait smoothed away."""
-    velocity = np.gradient(walk.truth.pelvis_position_m[:, :2], FRAME_S, axis=0)
-    velocity = gaussian_filter1d(velocity, sigma_frames, axis=0, mode="nearest")
-    return np.hypot(*velocity.T), np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
+def travel_rate(walk):
+    """Of the direction of the pelvis with the gait smoothed away."""
+    velocity = np.gradient(walk.truth.pelvis_position_m[:, :2], axis=0)
+    velocity = gaussian_filter1d(velocity, 8.0, axis=0, mode="nearest")
+    return gaussian_filter1d(np.gradient(np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))), 1.0)
 
 
 def lead_s(early, late):
@@ -52,7 +46,6 @@ def lead_s(early, late):
 
 def test_a_recording_is_the_same_on_every_platform(walks):
     walk = walks["subject03_R5"]
-    assert walk.measured is not None
     rows = [0, 70, -1]
     expected = [
         5.013262172314, 1.367599517557, 0.419692020173, 2.728130409325, 0.819224365177, 0.417529619145,
@@ -77,23 +70,14 @@ def test_groups_follow_from_the_motion(walks):
 
 
 def test_head_yaw_leads_the_direction_of_travel_in_sharp_turns(walks):
-    leads = {}
-    for subject in range(1, 15):
-        of_subject = [
-            lead_s(
-                gaussian_filter1d(np.gradient(yaw_rad(walk.truth.head_quat_wxyz)), 8.0),
-                gaussian_filter1d(np.gradient(travel(walk)[1]), 1.0),
-            )
-            for walk in (walks[f"subject{subject:02}_R5"], walks[f"subject{subject:02}_R6"])
-        ]
-        leads[subject] = np.mean(of_subject)
-    assert 0.15 < np.mean(list(leads.values())) < 0.26
-    assert min(leads.values()) > 0.0
+    turns = [[walks[f"subject{subject:02}_R{route}"] for route in (5, 6)] for subject in range(1, 15)]
+    leads = np.array([[lead_s(yaw_rate(walk), travel_rate(walk)) for walk in both] for both in turns]).mean(axis=1)
+    assert 0.15 < leads.mean() < 0.26
+    assert leads.min() > 0.0
 
 
 def noise_m(walk):
     """Distance, error along the ray, and error across it in one direction, of frames with a person."""
-    assert walk.measured is not None
     seen = walk.measured.valid
     true = walk.truth.head_position_m[seen]
     error = walk.measured.head_position_m[seen] - true
@@ -116,3 +100,43 @@ def test_position_noise_is_that_of_the_depth_camera(walks):
     assert 0.005 < along[near].std() < 0.013
     assert 0.2 < across.std() / along.std() < 0.6
     assert abs(np.corrcoef(along[:-1], along[1:])[0, 1]) < 0.05
+
+
+# ---------------------------------------------------------------- the room of the experiment
+
+
+CLEARANCE_M = 0.25  # half the breadth of the shoulders
+
+
+def partition_points():
+    ends = np.array(PAPER_ROOM.partitions)
+    share = np.linspace(0.0, 1.0, 100)[:, None, None]
+    return ((1 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 2)
+
+
+def test_every_walk_keeps_clear_of_walls_and_partitions(walks):
+    low, high = np.array([PAPER_ROOM.x_m, PAPER_ROOM.y_m]).T
+    for head in (walk.truth.head_position_m for walk in walks.values()):
+        path = head[:, :2]
+        assert np.minimum(path - low, high - path).min() >= CLEARANCE_M
+        assert np.linalg.norm(path[:, None] - partition_points(), axis=-1).min() >= CLEARANCE_M
+
+
+def test_every_walk_is_in_the_sensors_view_and_no_partition_is(walks):
+    def in_view(x, y, distance):
+        nearest_m, farthest_m = PAPER_ROOM.sensor_range_m
+        beside = np.abs(np.arctan2(y, x)) <= PAPER_ROOM.sensor_half_angle_rad
+        return beside & (nearest_m <= distance) & (distance <= farthest_m)
+
+    for head in (walk.truth.head_position_m for walk in walks.values()):
+        assert in_view(head[:, 0], head[:, 1], np.linalg.norm(head, axis=1)).all()
+    x, y = partition_points().T
+    assert not in_view(x, y, np.hypot(x, y)).any()
+
+
+def test_routes_end_on_the_side_to_which_they_go(walks):
+    assert ROUTE_LANDMARKS.keys() == ROUTES.keys()
+    for name, (start, end) in ROUTE_LANDMARKS.items():
+        path = walks[f"subject01_{name}"].truth.head_position_m
+        assert (start == "far") == (ROUTES[name].group != "straight")
+        assert np.sign(path[-1, 1] - path[0, 1]) == (1 if end == "left" else -1)

@@ -59,9 +59,7 @@ def test_real_pedestrians_who_start_do_so_about_3_s_into_their_track(tracks_dir)
     """The data set cuts tracks 3 s before the start as its annotators see it; some walk at the beginning as well."""
     with (tracks_dir / "index.csv").open(encoding="utf-8") as stream:
         clips = [row["clip"] for row in csv.DictReader(stream) if row["kind"] == "starting"]
-    starts_s = []
-    for clip in clips[::6]:
-        walk = load(tracks_dir / f"{clip}.csv")
-        starts_s.append(travel(walk.times_s, walk.truth.head_position_m).start_s - walk.times_s[0])
+    walks = [load(tracks_dir / f"{clip}.csv") for clip in clips[::6]]
+    starts_s = [travel(walk.times_s, walk.truth.head_position_m).start_s - walk.times_s[0] for walk in walks]
     assert np.isfinite(starts_s).mean() > 0.9
     assert 3.0 < np.nanmedian(starts_s) < 3.4

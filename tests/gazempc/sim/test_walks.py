@@ -47,15 +47,15 @@ def mean_rms(results, controller, group=None):
     return float(np.mean(values))
 
 
-# Mean gaze error of the clips chosen above as measured, RMS, degrees: four straight ones, one turn, three sharp ones. A
+# Mean gaze error of the clips chosen above as measured, RMS, degrees: two straight ones, a turn and a sharp one. A
 # seventh more is a change for the worse: an experiment that pays moves it by less, and a fault by more.
 MEASURED_DEG = {
-    ("lookahead", "straight"): 1.24,
-    ("lookahead", "turn"): 0.90,
-    ("lookahead", "sharp"): 2.06,
-    ("mpc", "straight"): 1.14,
-    ("mpc", "turn"): 0.98,
-    ("mpc", "sharp"): 2.04,
+    ("lookahead", "straight"): 1.02,
+    ("lookahead", "turn"): 0.98,
+    ("lookahead", "sharp"): 3.05,
+    ("mpc", "straight"): 0.95,
+    ("mpc", "turn"): 1.07,
+    ("mpc", "sharp"): 3.03,
     ("mpc+perfect", None): 0.17,
 }
 
@@ -66,13 +66,13 @@ def test_the_gaze_errs_as_little_as_measured(results, controller, group):
 
 
 def test_who_only_reacts_errs_by_the_delay(results):
-    """13.4 deg as measured, ten times as much as with prediction; no limit is ever violated."""
-    assert mean_rms(results, "reactive") == pytest.approx(13.4, rel=0.15)
+    """13.7 deg as measured, ten times as much as with prediction; no limit is ever violated."""
+    assert mean_rms(results, "reactive") == pytest.approx(13.7, rel=0.15)
     assert all(m.limit_violations == 0 for m in results.values())
 
 
 def test_a_reactive_gaze_is_hardly_ever_on_the_face_and_a_predictive_one_nearly_always(results):
-    """1.9 %, 91 % and 91 % of the time as measured."""
+    """1.3 %, 92 % and 90 % of the time as measured."""
 
     def contact(controller):
         return np.mean([m.eye_contact_2p6 for (_, c, _), m in results.items() if c == controller])
