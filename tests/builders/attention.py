@@ -6,6 +6,7 @@ import numpy as np
 
 from builders.replays import run_info
 from gazempc.results.log import FORECAST_HORIZONS_S, Log
+from gazempc.results.log_files import SHAPES
 
 TICK_S = 0.005
 COMMANDS = (
@@ -18,40 +19,25 @@ def attention_log(error_deg, attended=(), away=(), swaps_s=(), **about):
 
     `attended` has times, numbers and whys; `away` has beginnings, ends and whys.
     """
-    count, horizons = len(error_deg), len(FORECAST_HORIZONS_S)
-    joints = np.column_stack([np.deg2rad(error_deg), np.zeros(count)])
     times_s, numbers, whys = zip(*attended, strict=True) if attended else ((), (), ())
     starts_s, ends_s, reasons = zip(*away, strict=True) if away else ((), (), ())
-    time_s = TICK_S * np.arange(count)
-    return Log(
-        run=run_info(**about),
-        time_s=time_s,
-        head_true_base_m=np.tile([2.0, 0.0, 0.0], (count, 1)),
-        joint_time_s=time_s,
-        joint_position_rad=joints,
-        joint_velocity_rad_s=np.zeros_like(joints),
-        command_position_rad=joints,
-        command_velocity_rad_s=np.zeros_like(joints),
-        command_acceleration_rad_s2=np.zeros_like(joints),
-        capture_time_s=np.empty(0),
-        arrival_time_s=np.empty(0),
-        head_observed_base_m=np.empty((0, 3)),
-        person_id=np.array([], dtype=np.str_),
-        forecast_mean_base_m=np.empty((0, horizons, 3)),
-        forecast_covariance_m2=np.empty((0, horizons, 3, 3)),
-        forecast_degrees_of_freedom=np.empty(0),
-        forecast_true_base_m=np.empty((0, horizons, 3)),
-        forecast_horizon_s=np.array(FORECAST_HORIZONS_S),
-        event_time_s=np.empty(0),
-        event_name=np.array([], dtype=np.str_),
-        attended_time_s=np.array(times_s, dtype=np.float64),
-        attended_person=np.array(numbers, dtype=np.intp),
-        attended_why=np.array(whys, dtype=np.str_),
-        away_start_s=np.array(starts_s, dtype=np.float64),
-        away_end_s=np.array(ends_s, dtype=np.float64),
-        away_why=np.array(reasons, dtype=np.str_),
-        identity_swap_time_s=np.array(swaps_s, dtype=np.float64),
-    )
+    joints = np.column_stack([np.deg2rad(error_deg), np.zeros(len(error_deg))])
+    sizes = {"M": len(error_deg), "J": 2, "H": len(FORECAST_HORIZONS_S), 3: 3}
+    arrays = {name: np.zeros([sizes.get(axis, 0) for axis in axes]) for name, axes in SHAPES.items()}
+    arrays["time_s"] = arrays["joint_time_s"] = TICK_S * np.arange(len(error_deg))
+    arrays["joint_position_rad"] = arrays["command_position_rad"] = joints
+    arrays["head_true_base_m"][:] = [2.0, 0.0, 0.0]
+    told = {
+        "forecast_horizon_s": FORECAST_HORIZONS_S,
+        "attended_time_s": times_s,
+        "attended_why": np.array(whys, dtype=np.str_),
+        "away_start_s": starts_s,
+        "away_end_s": ends_s,
+        "away_why": np.array(reasons, dtype=np.str_),
+        "identity_swap_time_s": swaps_s,
+    }
+    arrays |= {name: np.asarray(values) for name, values in told.items()}
+    return Log(run=run_info(**about), **arrays | {"attended_person": np.array(numbers, dtype=np.intp)})
 
 
 def of_motion(log, time_s, joints_rad, head_base_m, **changes):

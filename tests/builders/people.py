@@ -3,6 +3,7 @@
 from functools import partial
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from predictors import (
     ConstantAcceleration,
@@ -59,3 +60,28 @@ def turned_walk(predictor, frames, angle=np.pi / 9, speed=1.2, start_s=0.0, star
         position = np.array(start_m) + i * FRAME_S * speed * direction
         predictor.update(HeadObservation(start_s + i * FRAME_S, position, head, waist))
     return start_s + (frames - 1) * FRAME_S
+
+
+def velocity_kernel(psd):
+    """Of the motion of an axis at two times (their product, the earlier, the later): speed 0 +- 1 m/s, white noise."""
+    return lambda product, early, late: product + psd * (early**2 * late / 2 - early**3 / 6)
+
+
+def posterior(observations, times_s, kernel, noise_m=0.0):
+    """Forecast by one dense solve of the joint Gaussian of all positions: means and covariances.
+
+    As the filters do, the first observation is the prior mean, with its covariance as the prior's. Where none is
+    stated, the noise is `noise_m` on each axis.
+    """
+    n, seen_m = len(observations), np.array([o.head_position_base_m for o in observations])
+    stated = [noise_m**2 * np.eye(3) if o.position_covariance_m2 is None else o.position_covariance_m2
+              for o in observations]  # fmt: skip
+    t = np.concatenate([[o.capture_time_s for o in observations], times_s])
+    t = t - t[0]
+    joint = np.kron(kernel(np.outer(t, t), np.minimum.outer(t, t), np.maximum.outer(t, t)), np.eye(3))
+    joint = joint + np.tile(stated[0], (t.size, t.size))
+    seen, asked = slice(3, 3 * n), slice(3 * n, None)
+    gain = np.linalg.solve(joint[seen, seen] + block_diag(*stated[1:]), joint[seen, asked]).T
+    means_m = np.tile(seen_m[0], len(times_s)) + gain @ (seen_m[1:] - seen_m[0]).ravel()
+    spread = (joint[asked, asked] - gain @ joint[seen, asked]).reshape(len(times_s), 3, -1, 3)
+    return means_m.reshape(-1, 3), np.array([spread[k, :, k] for k in range(len(times_s))])

@@ -117,17 +117,6 @@ def test_jacobian_is_that_of_finite_differences(rate, turn_time_s):
         np.testing.assert_allclose(jacobian[:, :, i], (up - down) / (2 * step), atol=1e-8)
 
 
-def test_noise_free_arc_is_forecast_exactly_in_the_limit():
-    """Of many frames: the filter begins with no turn."""
-    errors = []
-    for frames in (60, 300):
-        predictor = CoordinatedTurn(turn_time_s=ENDLESS_S)
-        end_s = show(predictor, on_circle, frames=frames)
-        times = end_s + np.array([0.25, 0.5, 1.0])
-        errors.append(np.linalg.norm(predictor.forecast(times).means_base_m - on_circle(times)))
-    assert errors[1] < 1e-3 * errors[0]
-
-
 def test_height_and_a_standing_person_are_those_of_constant_velocity():
     def sways(t):
         return np.array([2.0 + 0.02 * np.sin(3 * t), 1.0, 1.6 + 0.02 * np.cos(5 * t)])

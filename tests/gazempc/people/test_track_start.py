@@ -126,22 +126,6 @@ def test_no_forecast_leads_farther_than_a_person_can_get(speed_m_s):
     assert ("forecast_out_of_reach" in recorder.events) == (speed_m_s > 3.0)
 
 
-@pytest.mark.parametrize("predictor", [ConstantVelocity])
-def test_five_false_faces_in_a_row_do_not_lead_the_gaze_beyond_themselves(predictor):
-    """Hair and necks at -12 to -21 deg sent the neck to -44 deg, outside of the picture."""
-
-    def face_m(time_s):
-        angle_rad = np.deg2rad(-12.0 - 9.0 * min(time_s / 0.267, 1.0))
-        return np.array([1.3 * np.cos(angle_rad), 1.3 * np.sin(angle_rad), 0.2])
-
-    times_s = [k / 15 for k in range(5)]
-    faces = tuple(Sighting(t + 0.066, HeadObservation(t, face_m(t), confidence=0.7)) for t in times_s)
-    log = LoopBench(predictor=predictor(), head_m=face_m).run(2.0, seen=lambda t: False, extra=faces)
-    assert log.capture_time_s.size == 5
-    pan_deg = np.rad2deg(log.command_position_rad[:, 0])
-    assert -23.0 < pan_deg.min() < -15.0
-
-
 @pytest.mark.parametrize(("aside_m_s", "most_deg"), [(0.3, 90.0), (-3.0, 60.0)])
 def test_no_forecast_leads_farther_outside_the_picture_than_half_of_it(aside_m_s, most_deg):
     """The camera looks to the left by 90 deg; half of its picture are 30 deg."""

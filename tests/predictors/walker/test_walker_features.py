@@ -79,12 +79,3 @@ def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
             np.testing.assert_allclose(inputs.stated_sd_m, stated * sds, rtol=1e-3, atol=1e-6)
             np.testing.assert_array_equal(inputs.stated_base_m2, stated * covariance)
             assert np.abs(inputs.network).max() <= 4.0
-
-
-@pytest.mark.parametrize(
-    ("speed_m_s", "on_foot"), [(0.0, 0.0), (0.02, 1.0), (1.2, 1.0), (2.2, 1.0), (2.6, 0.5), (3.0, 0.0), (5.0, 0.0)]
-)
-def test_who_runs_and_who_has_no_direction_yet_is_not_the_networks_business(speed_m_s, on_foot):
-    state = np.array([0.0, 0.0, 0.4, 0.0, speed_m_s, 0.0])
-    inputs = WalkerHistory().add(HeadObservation(0.0, state[:3]), state, 1e-4 * np.eye(3))
-    assert inputs.on_foot == pytest.approx(on_foot)

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from predictors import ConstantVelocity, HeadObservation
 from predictors.walker.path import information_of, smooth_path
 
 STEP_S = 1.0 / 30.0
@@ -63,27 +62,6 @@ def test_it_is_the_least_squares_solution(nodes, n):
     np.testing.assert_allclose(smoothed(at, seen, covariances, nodes), dense(at, seen, covariances, nodes), atol=1e-7)
 
 
-@pytest.mark.parametrize("sds_m", [(0.01, 0.01, 0.01), (0.003, 0.003, 0.3), (0.03, 0.03, 0.03)])
-def test_its_last_node_is_the_position_of_the_filter(sds_m):
-    """Up to how a grid approximates continuous time: a small part of the positions' own error."""
-    at, apart = np.arange(36.0), []
-    truth = np.stack([1.1 * at * STEP_S, 0.3 * at * STEP_S, 0.3 + 0.0 * at], axis=1)
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        covariances = np.array([random_covariance(rng, sds_m) for _ in at])
-        errors = np.linalg.cholesky(covariances) @ rng.standard_normal((at.size, 3, 1))
-        seen = truth + errors[:, :, 0]
-        cv = ConstantVelocity(acceleration_psd=PSD, gated=False)
-        for a, y, c in zip(at, seen, covariances, strict=True):
-            cv.update(HeadObservation(a * STEP_S, y, position_covariance_m2=c))
-        _, state, P = cv.state()
-        off = smoothed(at, seen, covariances)[-1] - state[:3]
-        apart.append(np.sqrt(off @ np.linalg.solve(P[:3, :3], off)))
-    # In standard deviations of the estimate.
-    assert np.mean(apart) < 0.05
-    assert np.max(apart) < 0.1
-
-
 @settings(max_examples=15)
 @given(
     angles=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
@@ -95,18 +73,6 @@ def test_it_turns_moves_and_is_mirrored_with_what_is_seen(angles, shift_m, mirro
     change = Rotation.from_euler("xyz", angles).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
     other = smoothed(at, seen @ change.T + shift_m, change @ covariances @ change.T)
     np.testing.assert_allclose(other, smoothed(at, seen, covariances) @ change.T + shift_m, atol=1e-6)
-
-
-def test_what_is_hardly_known_is_left_to_the_others():
-    """Ten frames that hardly know x: the path's x is that of the rest, its y and z are better for them."""
-    at = np.arange(36.0)
-    seen = np.stack([at * STEP_S, 0.0 * at, 0.0 * at], axis=1)
-    covariances = np.tile(np.diag([1e-4, 1e-4, 1e-4]), (36, 1, 1))
-    seen[10:20] += [0.5, 0.05, 0.0]
-    covariances[10:20] = np.diag([1e4, 1e-4, 1e-4])
-    off = smoothed(at, seen, covariances) - np.stack([at * STEP_S, 0.0 * at, 0.0 * at], axis=1)
-    assert np.abs(off[:, 0]).max() < 0.02
-    assert off[15, 1] > 0.03
 
 
 @pytest.mark.parametrize("sds_m", [(100.0, 1e-3, 1e-3), (100.0, 100.0, 1e-3), (1e4, 1e-5, 1.0), (1e-7, 1e-7, 1e-7)])

@@ -1,7 +1,5 @@
 """The predictor `walker`, whatever its numbers are: symmetries, who it is for, what it takes from the filter."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from builders.people import yaw_quat
@@ -104,23 +102,6 @@ def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
     np.testing.assert_allclose(forecast.covariances_m2, expected, rtol=1e-6, atol=1e-9)
     longest = np.linalg.eigh(forecast.covariances_m2[1])[1][:, 2]
     assert abs(longest @ np.linalg.eigh(noise_m2)[1][:, 2]) > 0.95
-
-
-def test_without_a_stated_covariance_the_measured_one_is_the_filter_s():
-    """Errors of 50 mm along x: as soon as they are measured, the line's velocity is shaken by them less."""
-    rng = np.random.default_rng(0)
-    told, untold, sure = (Walker(straight_model()) for _ in range(3))
-    off = {id(w): [] for w in (told, untold, sure)}
-    for k in range(120):
-        seen = HeadObservation(k / 30, np.array([1.2 * k / 30, 0, 0.4]) + rng.standard_normal(3) * [0.05, 0.002, 0.002])
-        big, small = np.diag([0.05, 0.003, 0.003]) ** 2, 0.003**2 * np.eye(3)
-        for walker, stated in ((told, big), (untold, None), (sure, small)):
-            walker.update(dataclasses.replace(seen, position_covariance_m2=stated))
-            if k > 60:
-                off[id(walker)].append(walker.inputs().line.velocity_base_m_s[0] - 1.2)
-    rms = [np.sqrt(np.mean(np.square(off[id(w)]))) for w in (told, untold, sure)]
-    assert rms[1] < 1.15 * rms[0]
-    assert rms[2] > 1.5 * rms[0]
 
 
 def test_blend_is_the_mixture_of_both_forecasts():

@@ -34,20 +34,6 @@ def test_stated_spread_is_that_over_recordings():
 
 
 @pytest.mark.slow
-def test_a_body_tracker_wanders_alike_on_all_axes():
-    times_s = np.arange(0.0, 20.0, 1.0 / 25.0)
-    range_m = np.linalg.norm([2.0, 0.3, 0.2])
-    rng = np.random.default_rng(1)
-    error_m = 0.006 * rng.standard_normal((times_s.size, 3)) + wander(rng, times_s, 0.025, 0.4, 3)
-    one = measure_tracker(track_of(times_s, person_m(rng, times_s) + error_m), quiet)
-    for direction in (one.along, one.across):
-        assert direction.wander == "known"
-        assert direction.fit.white.value * range_m == pytest.approx(0.006, rel=0.15)
-        assert direction.fit.wander.value * range_m == pytest.approx(0.025, rel=0.25)
-        assert direction.fit.correlation_s.value == pytest.approx(0.4, rel=0.4)
-
-
-@pytest.mark.slow
 def test_jumps_are_found_and_leave_the_rest_as_it_is():
     rng = np.random.default_rng(4)
     position_m = seen_m(rng, person_m(rng, SHORT_S), SHORT_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
