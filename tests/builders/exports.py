@@ -35,6 +35,11 @@ class Walk:
         return getattr(cls, f"{part}_m") + getattr(cls, part).apply(offset_m)
 
 
+def same_turns(quats_wxyz, turns, deg=0.1):
+    away = Rotation.from_quat(quats_wxyz, scalar_first=True) * turns.inv()
+    assert np.degrees(away.magnitude()).max() < deg
+
+
 def in_axes(axes, positions_m):
     return positions_m @ FILE_FROM_OURS[axes].T
 

@@ -1,5 +1,6 @@
 """Yaws, covariances of bearings, and 3x3 matrices, against rotations, exact fractions and closed forms."""
 
+from dataclasses import FrozenInstanceError
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from predictors import HeadObservation, bearing_covariance
+from predictors import Forecast, HeadObservation, bearing_covariance
 from predictors.geometry import inverse, mahalanobis2, wrap_rad, yaw_rad
 
 metres = st.floats(-5.0, 5.0)
@@ -94,3 +95,40 @@ def test_of_a_singular_matrix_the_floor_makes_one_with_a_closed_form(direction, 
     tolerance = 1e-14 * (1.0 + v @ v / floor)
     np.testing.assert_allclose(inverse(np.outer(v, v), floor), expected, rtol=0.0, atol=tolerance / floor)
     assert mahalanobis2(v, np.outer(v, v), floor) == pytest.approx(v @ v / (floor + v @ v), abs=tolerance)
+
+
+# ---------------------------------------------------------------- observations
+
+
+GOOD = np.array([1.0, 2.0, 3.0])
+QUAT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.inf, GOOD), "capture_time_s is not finite"),
+        ((0.0, np.array([1.0, np.inf, 0.0])), "head_position_base_m is not finite"),
+        ((0.0, np.ones(2)), r"head_position_base_m has shape \(2,\), expected \(3,\)"),
+        ((0.0, GOOD, np.ones(3)), "head_quat_wxyz has shape"),
+        ((0.0, GOOD, QUAT, 1.01 * QUAT), "pelvis_quat_wxyz is not of unit length"),
+        ((0.0, GOOD, np.zeros(4)), "head_quat_wxyz is not of unit length"),
+    ],
+)
+def test_observation_refuses(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        HeadObservation(*arguments)
+
+
+def test_observation_takes_plain_lists_and_is_frozen():
+    observation = HeadObservation(0.0, [1, 2, 3], [1, 0, 0, 0])
+    assert observation.head_position_base_m.dtype == np.float64
+    with pytest.raises(FrozenInstanceError):
+        observation.capture_time_s = 1.0
+
+
+def test_a_forecast_may_be_made_of_lists():
+    forecast = Forecast([1.0, 2.0], [[1, 2, 3], [4, 5, 6]], np.zeros((2, 3, 3)).tolist(), 0.5)
+    assert (forecast.means_base_m.shape, forecast.means_base_m.dtype) == ((2, 3), np.float64)
+    with pytest.raises(ValueError, match=r"covariances_m2 of a forecast for 2 times has shape \(2,\), expected"):
+        Forecast([1.0, 2.0], np.zeros((2, 3)), [1e-4, 1e-4], 0.5)

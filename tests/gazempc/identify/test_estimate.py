@@ -1,15 +1,19 @@
-"""Dead time and servo are found on plants whose truth is known, with honest intervals."""
+"""Dead time, servo and latency are found where the truth is known, with honest intervals, or refused."""
 
 import math
 
 import numpy as np
 import pytest
-from builders.identification import altered, assert_close, plant, simulate
+from builders.identification import REFERENCE, altered, assert_close, plant, simulate
 from scipy import signal
 
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
+from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.identify import main as identify
+from gazempc.identify.latency import estimate_latency
 from gazempc.identify.new_neck import as_toml
+from gazempc.identify.record import IdentificationError
+from gazempc.identify.servo_fit import Z_95, ServoModel, robust_covariance
 from gazempc.neck.spec import load_neck
 
 TRUTHS = [
@@ -68,7 +72,7 @@ def test_eyes_and_body_are_identified_each_for_itself(tmp_path):
     truth = truth.model_copy(update={"name": "chain", "eyes": eyes, "body": body})
     path, out = tmp_path / "chain.toml", tmp_path / "found.toml"
     path.write_text(as_toml(truth.model_dump(exclude_none=True)))
-    assert identify(["--robot", "mujoco", "--neck", str(path), "--duration-s", "6", "--out", str(out)]) == 0
+    assert identify(["--robot", "mujoco", "--neck", str(path), "--duration-s", "8", "--out", str(out)]) == 0
     found = load_neck(out)
     assert found.joint_names == ("pan", "tilt", "eye_pan", "eye_tilt", "body_yaw")
     np.testing.assert_allclose(found.dead_time_s, [0.4, 0.4, 0.06, 0.045, 0.3], atol=1e-3)
@@ -79,3 +83,137 @@ def test_eyes_and_body_are_identified_each_for_itself(tmp_path):
 
 def altered_axis(axis, dead_time_s, wn):
     return axis.model_copy(update={"dead_time_s": dead_time_s, "natural_frequency_rad_s": wn})
+
+
+# ---------------------------------------------------------------- refusals
+
+
+def refusal(taken, axis=0, **options):
+    """Text with which it is refused, before or after the fit."""
+    try:
+        return "\n".join(estimate_axis(taken, axis, **options).doubts)
+    except IdentificationError as error:
+        return str(error)
+
+
+def with_noise(taken, sigma_deg):
+    return taken.joint_rad + np.random.default_rng(2).normal(0, math.radians(sigma_deg), taken.joint_rad.shape)
+
+
+def friction(taken):
+    """A joint that moves only in jumps of 40 degrees."""
+    return np.round(taken.joint_rad / math.radians(40)) * math.radians(40)
+
+
+SPOILT = {
+    "were not reported once": lambda t: altered(t, joint_time_s=np.zeros(0), joint_rad=np.zeros((0, 2))),
+    "50 different time stamps": lambda t: altered(t, joint_time_s=t.joint_time_s[:50], joint_rad=t.joint_rad[:50]),
+    "share 0.0 s": lambda t: altered(t, joint_time_s=t.joint_time_s + 1e9),
+    "moves over 0.40 deg": lambda t: altered(t, command_rad=t.command_rad / 100),
+    "the joint over 0.0 deg": lambda t: altered(t, joint_rad=np.zeros_like(t.joint_rad)),
+    "jump as no joint can": lambda t: altered(
+        t, joint_rad=np.where(np.arange(len(t.joint_rad))[:, None] % 10 == 0, -math.pi, t.joint_rad)
+    ),
+    "of the motion; at least 80 %": lambda t: altered(t, joint_rad=friction(t)),
+    "dead time is only known to": lambda t: altered(
+        t, joint_time_s=t.joint_time_s[::40], joint_rad=with_noise(t, 3.0)[::40]
+    ),
+    "before its commands": lambda t: altered(t, joint_time_s=t.joint_time_s - 0.45),
+    "at the end of what was looked for (-100 ms)": lambda t: altered(t, joint_time_s=t.joint_time_s - 0.6),
+}
+
+
+@pytest.mark.parametrize("problem", SPOILT)
+def test_data_that_do_not_determine_the_servo_are_refused(clean, problem):
+    text = refusal(SPOILT[problem](clean))
+    assert problem in text
+    assert text.startswith("pan: ")
+
+
+def test_refuses_a_dead_time_beyond_what_was_looked_for(clean):
+    assert "--dead-time-max-s" in refusal(clean, dead_time_max_s=0.3)
+    assert refusal(clean, dead_time_max_s=0.5) == ""
+
+
+def test_play_in_the_gears_is_noted_and_noise_is_not(clean):
+    """The intervals know noise only; what the model cannot be must be said."""
+    slack, held, rows = math.radians(0.8), clean.joint_rad[0], []
+    for angles in clean.joint_rad:
+        held = np.clip(held, angles - slack / 2, angles + slack / 2)
+        rows.append(held)
+    with_play = estimate_axis(altered(clean, joint_rad=np.array(rows)), 0)
+    assert "hang together in time" in with_play.note
+    assert 0.1 < with_play.structured_rms_deg <= with_play.residual_rms_deg < 0.8
+    noisy = estimate_axis(altered(clean, joint_rad=with_noise(clean, 0.3)), 0)
+    assert noisy.note == ""
+    assert noisy.structured_rms_deg < 0.1
+
+
+# ---------------------------------------------------------------- the model of the servo
+
+
+@pytest.mark.parametrize(("wn", "zeta"), [(6.0, 1.2), (25.0, 0.5), (10.0, 1.0)])
+def test_model_is_the_transfer_function_that_scipy_simulates(wn, zeta):
+    """lsim on a finer grid with its own delay, a whole number of that grid's steps."""
+    motion = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(duration_s=8.0)).position_rad[:, 0]
+    command_time = 0.005 * np.arange(motion.size)
+    fine = 0.0005 * np.arange(10 * motion.size)
+    delay_steps = 247  # 123.5 ms
+    u = np.concatenate([np.full(delay_steps, motion[0]), np.repeat(motion, 10)])[: fine.size]
+    _, q, _ = signal.lsim(signal.TransferFunction([wn**2], [1, 2 * zeta * wn, wn**2]), u, fine, interp=False)
+    read = slice(1003, None, 37)
+    model = ServoModel(command_time, motion, fine[read])
+    np.testing.assert_allclose(model.delayed(model.motion(wn, zeta), 0.1235), q[read], atol=1e-6)
+
+
+@pytest.mark.parametrize(("wn", "zeta"), [(6.0, 0.5), (20.0, 3.0)])
+def test_bandwidth_is_where_the_answer_is_3_db_down(wn, zeta):
+    _, answer = signal.freqs([wn**2], [1, 2 * zeta * wn, wn**2], [2 * math.pi * bandwidth_hz(wn, zeta)])
+    assert abs(answer[0]) == pytest.approx(1 / math.sqrt(2))
+
+
+def test_95_percent_intervals_hold_the_truth_where_errors_are_correlated_in_time():
+    """Of a smooth regression with autoregressive errors; errors of channels that share a time are correlated, too."""
+    rng, times, draws, rhos, channels = np.random.default_rng(0), 400, 300, (0.0, 0.5, 0.8, 0.95), 3
+    t = np.arange(times) / 30.0
+    jacobian = np.repeat(np.column_stack([np.sin(3.0 * t), np.cos(5.0 * t + 1.0)]), channels, axis=0)
+    solve = np.linalg.pinv(jacobian)
+    mixing = np.linalg.cholesky(0.5 * np.eye(channels) + 0.5)
+    inside = np.zeros(2)
+    for rho in np.repeat(rhos, draws):
+        white = rng.standard_normal((times + 100, channels)) @ mixing.T
+        errors = signal.lfilter([1.0], [1.0, -rho], white, axis=0)[100:].ravel()
+        estimate = solve @ errors
+        sd = np.sqrt(np.diag(robust_covariance(jacobian, errors - jacobian @ estimate, channels)))
+        inside += np.abs(estimate) < Z_95 * sd
+    share = inside / (draws * len(rhos))
+    assert np.all((share >= 0.93) & (share <= 0.98)), share
+
+
+# ---------------------------------------------------------------- the latency of the sensor
+
+
+def walk(times_s):
+    return np.stack([2.0 + 0.3 * np.sin(times_s), 1.3 * times_s - 3.0, 0.03 * np.sin(11 * times_s)], axis=-1)
+
+
+@pytest.mark.parametrize("latency_s", [0.066, -0.05])
+def test_latency_of_a_known_motion_is_found(latency_s):
+    rng, known_s, seen_s = np.random.default_rng(1), np.arange(0, 6, 0.01), np.arange(0.0, 6.0, 1 / 30)
+    observed = walk(seen_s - latency_s) + np.array([0.02, -0.05, 0.0]) + rng.normal(0, 0.01, (seen_s.size, 3))
+    found = estimate_latency(known_s, walk(known_s), seen_s, observed)
+    assert found.value == pytest.approx(latency_s, abs=0.005)
+    assert found.low <= latency_s <= found.high
+
+
+def test_data_that_do_not_determine_the_latency_are_refused():
+    rng, known_s, seen_s = np.random.default_rng(1), np.arange(0, 6, 0.01), np.arange(0.0, 6.0, 1 / 30)
+    noise = rng.normal(0, 0.01, (seen_s.size, 3))
+    with pytest.raises(IdentificationError, match="sensor latency: "):
+        estimate_latency(known_s, 0.001 * walk(known_s), seen_s, 0.001 * walk(seen_s) + noise)
+    with pytest.raises(IdentificationError, match="10 observations"):
+        estimate_latency(known_s, walk(known_s), seen_s[:10], walk(seen_s[:10]))
+    with pytest.raises(IdentificationError, match="on one clock"):
+        estimate_latency(known_s, walk(known_s), seen_s, walk(seen_s - 1.4))
+    with pytest.raises(IdentificationError, match="0 times"):
+        estimate_latency(known_s, np.full((600, 3), np.nan), seen_s, walk(seen_s))

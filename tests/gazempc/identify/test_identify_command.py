@@ -1,6 +1,7 @@
 """The command: neck files, robots, records, replays, and what it refuses."""
 
 import datetime
+import tomllib
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from gazempc.identify.new_neck import as_toml
 from gazempc.neck.spec import load_neck
 from gazempc.results.log_files import load_log
 from gazempc.run import main as run_main
+from gazempc.sim.simulated import SimulatedNeck
 
 SERVO = ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
 
@@ -21,7 +23,7 @@ SERVO = ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
 @pytest.mark.slow
 def test_command_line_identifies_a_robot_and_its_record(tmp_path, capsys):
     out = tmp_path / "sub" / "mine.toml"
-    assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "6"]) == 0
+    assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "8"]) == 0
     said = capsys.readouterr().out
     assert "400.0 ± 0.1" in said
     assert str(out) in said
@@ -89,3 +91,69 @@ def test_refused_command_lines(clean, tmp_path, capsys):
     assert identify.main(["--robot", "simulated", "--out", str(tmp_path / "n.yaml")]) == 2
     assert "must end in .toml" in capsys.readouterr().err
     assert not (tmp_path / "n.toml").exists()
+
+
+# ---------------------------------------------------------------- a user's own robot
+
+
+class Head(SimulatedNeck):
+    """Stands for a driver."""
+
+    def __init__(self, neck, clock_s, position_rad, dead_time_s: float = 0.1):
+        changed = {"dead_time_s": dead_time_s}
+        axes = {name: getattr(neck, name).model_copy(update=changed) for name in ("pan", "tilt")}
+        super().__init__(neck.model_copy(update=axes), position_rad, clock_s)
+
+
+class Real(Head):
+    keeps_any_clock = False
+
+
+class NoConnection(Head):
+    def connect(self):
+        raise KeyError("port")
+
+
+class Silent(Head):
+    def read_state(self): ...
+    def send_command(self, position_rad):
+        raise AssertionError("moved")
+
+
+class WrongShape(Head):
+    def read_state(self):
+        state = super().read_state()
+        return type(state)(state.time_s, np.zeros(3), np.zeros(3))
+
+
+class WrongSent(Head):
+    def send_command(self, position_rad):
+        return super().send_command(position_rad)[:1]
+
+
+def test_its_dead_time_is_found(tmp_path):
+    words = ["--robot", f"{__name__}:Head", "--duration-s", "8", "--out", str(tmp_path / "mine.toml")]
+    assert identify.main([*words, "--options.dead_time_s", "0.25"]) == 0
+    measured = tomllib.loads((tmp_path / "mine.toml").read_text())
+    assert measured["pan"]["dead_time_s"] == pytest.approx(0.25, abs=0.002)
+    assert measured["tilt"]["dead_time_s"] == pytest.approx(0.25, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("name", "named"),
+    [
+        ("Real", ["--neck", ":Real"]),
+        ("NoConnection", ["connect() raised KeyError: 'port'"]),
+        ("Silent", ["there is no reading", "identification does not"]),
+        ("WrongShape", ["position_rad array([0., 0., 0.]), needed is an array of shape (2,)"]),
+        ("WrongSent", ["a command did not get through", "of shape (1,)"]),
+    ],
+)
+def test_faults_of_a_robot_are_named(name, named, tmp_path, capsys):
+    out = tmp_path / "mine.toml"
+    assert identify.main(["--robot", f"{__name__}:{name}", "--duration-s", "8", "--out", str(out)]) == 2
+    complained = capsys.readouterr().err
+    for word in named:
+        assert word in complained
+    assert "Traceback" not in complained
+    assert not out.exists()

@@ -1,14 +1,16 @@
-"""Recording the motion: the neck comes to rest within its limits, whatever ends the run."""
+"""Excitation and recording: within limits, and at rest in the end, whatever ends the run."""
 
 import numpy as np
 import pytest
+from builders.control import assert_within
 from builders.identification import REFERENCE, SHORT, Failing, drive, plant, simulate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gazempc.errors import RobotError
-from gazempc.identify.excitation import brake, excite
+from gazempc.identify.excitation import ExcitationSettings, brake, excite
 from gazempc.live.clock import SimulatedClock
+from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.sim.simulated import SimulatedNeck
 
 
@@ -69,3 +71,44 @@ def test_a_computer_that_is_held_up_makes_no_jump():
         drive(robot, clock)
     clock.sleep_until_s(clock.now_s() + 2.0)
     assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3
+
+
+# ---------------------------------------------------------------- excitation
+
+
+PAN = load_neck("reference").pan
+axes = st.fixed_dictionaries(
+    {
+        "position_min_deg": st.floats(-90, 20),
+        "position_max_deg": st.floats(25, 180),
+        "velocity_max_rad_s": st.floats(0.05, 8),
+        "acceleration_max_rad_s2": st.floats(0.2, 80),
+        "jerk_max_rad_s3": st.floats(5, 2000),
+        "natural_frequency_rad_s": st.floats(4, 40),
+        "damping_ratio": st.floats(0.3, 2),
+    }
+).map(lambda values: PAN.model_copy(update=values))
+
+
+@settings(max_examples=12)
+@given(
+    pan=axes,
+    tilt=axes,
+    rates=st.sampled_from([(50.0, 50.0), (50.0, 200.0), (100.0, 500.0)]),
+    how=st.builds(
+        ExcitationSettings,
+        axes=st.sampled_from([("all",), ("pan",)]),
+        duration_s=st.just(8.0),
+        amplitude_deg=st.floats(1, 90),
+        seed=st.integers(0, 9),
+    ),
+)
+def test_excitation_stays_within_limits(pan, tilt, rates, how):
+    neck = NeckSpec(name="any", source="test", pan=pan, tilt=tilt, control_rate_hz=rates[0], servo_rate_hz=rates[1])
+    start = neck.rest_rad
+    motion = excite(neck, start, how)
+    # At rest before and after: the differences there count as well.
+    u = np.concatenate([start[None], motion.position_rad, np.tile(motion.position_rad[-1], (3, 1))])
+    assert_within(neck.command_limits, u, neck.servo_period_s)
+    assert np.ptp(motion.position_rad[:, 0]) > 0
+    assert (np.ptp(motion.position_rad[:, 1]) > 0) == (how.axes != ("pan",))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from builders import exports
-from builders.exports import Walk, in_axes, quat_in_axes
+from builders.exports import Walk, in_axes, quat_in_axes, same_turns
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError
@@ -33,9 +33,8 @@ def same_head(recording, head_m=Walk.head_m, atol=1e-9):
     np.testing.assert_allclose(recording.truth.head_position_m, head_m, atol=atol)
 
 
-def same_turn(recording, part="head"):
-    found = Rotation.from_quat(getattr(recording.truth, f"{part}_quat_wxyz"), scalar_first=True)
-    assert np.degrees((found * getattr(Walk, part).inv()).magnitude()).max() < 1e-5
+def same_turn(recording):
+    same_turns(recording.truth.head_quat_wxyz, Walk.head, 1e-5)
 
 
 @pytest.mark.parametrize(("unit", "size_m"), [("cm", 0.01), ("mm", 0.001), ("in", 0.0254), ("ft", 0.3048)])
@@ -115,7 +114,7 @@ def test_angles(tmp_path, way, unit):
     values = np.degrees(angles) if unit == "deg" else angles
     path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "a", "b", "c"], T, Walk.head_m, values)
     found = read(path, f"t=s, head=[x,y,z], head_euler=[a,b,c]:{way}:{unit}").truth.head_quat_wxyz
-    assert (Rotation.from_quat(found, scalar_first=True) * TILTED.inv()).magnitude().max() < 1e-7
+    same_turns(found, TILTED, 1e-5)
     with pytest.raises(RecordingError, match="angles without a unit"):
         read(path, f"t=s, head=[x,y,z], head_euler=[a,b,c]:{way}")
 
@@ -125,7 +124,7 @@ def test_roll_pitch_yaw_and_yaw_alone(tmp_path):
     rpy = TILTED.as_euler("xyz")
     path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "head_roll", "head_pitch", "head_yaw"], T, Walk.head_m, rpy)
     found = read(path, "t=s, head=[x,y,z], head_euler=head:rad").truth.head_quat_wxyz
-    assert (Rotation.from_quat(found, scalar_first=True) * TILTED.inv()).magnitude().max() < 1e-7
+    same_turns(found, TILTED, 1e-5)
     yaw = np.degrees(Walk.travel_rad + 0.3)
     path = write(tmp_path / "b.csv", ["s", "x", "y", "z", "yaw_deg"], T, Walk.head_m, yaw)
     same_turn(read(path, "t=s, head=[x,y,z], head_yaw=yaw"))

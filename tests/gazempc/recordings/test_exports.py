@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from builders import exports
-from builders.exports import Walk
-from scipy.spatial.transform import Rotation
+from builders.exports import Walk, same_turns
 
 from gazempc.errors import RecordingError, SettingsError
 from gazempc.recordings.load import load
@@ -12,11 +11,6 @@ from gazempc.recordings.readers.options import ReadOptions
 
 OPTICAL = "camera_color_optical_frame"
 CAMERA_M = np.array([-2.0, 0.0, 1.2])
-
-
-def same_turns(quats_wxyz, turns, deg=0.1):
-    away = Rotation.from_quat(quats_wxyz, scalar_first=True) * turns.inv()
-    assert np.degrees(away.magnitude()).max() < deg
 
 
 def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=None):

@@ -1,11 +1,14 @@
-"""Known errors are recovered; an error that the person's motion hides is a bound."""
+"""Known errors and times of a tracker are recovered; its likelihood is the density of the process."""
 
 import numpy as np
 import pytest
 from builders.trackers import person_m, seen_m, track_of, wander
+from scipy.stats import multivariate_normal
 
+from gazempc.identify.tracker.likelihood import Stretches, likelihood
 from gazempc.identify.tracker.measure import measure_tracker
 from gazempc.identify.tracker.read import read_track
+from gazempc.identify.tracker.timing import frame_times
 
 # Long enough to know a wander of a second; half of that where none is to be known.
 TIMES_S = np.arange(0.0, 30.0, 1.0 / 12.0)
@@ -89,3 +92,85 @@ def test_errors_of_a_face_tracker(bags_dir):
     assert 0.02 < np.rad2deg(found.across.fit.white.value) < 0.15
     assert found.frames.rate_hz == pytest.approx(30.0, rel=0.03)
     assert found.head_yaw is not None
+
+
+# ---------------------------------------------------------------- likelihood
+
+
+STAMPS_S = np.array([0.0, 0.03, 0.07, 0.1, 0.25, 0.28, 0.6])
+VALUES = np.array([0.02, 0.05, -0.01, 0.03, 0.06, 0.04, 0.2])
+Q, WHITE, SLOW, TAU, SCALE_M = 0.7, 0.02, 0.05, 0.3, 2.0
+
+
+def one_stretch(used=None):
+    values = np.tile(VALUES[:, None, None], (1, 1, 1))
+    used = np.ones((VALUES.size, 1), dtype=bool) if used is None else used[:, None]
+    return Stretches(np.diff(STAMPS_S, prepend=0.0)[:, None], values, used, np.array([SCALE_M]))
+
+
+def model(white=WHITE):
+    return np.array([[[Q], [white], [SLOW], [TAU]]])
+
+
+def covariance():
+    """Of the measurements, from the integrals of the process, without a filter."""
+    s, t = np.meshgrid(STAMPS_S, STAMPS_S)
+    first, last = np.minimum(s, t), np.maximum(s, t)
+    driven = (Q / SCALE_M) ** 2 * (first**2 * last / 2.0 - first**3 / 6.0)
+    start = 1.0 + (1.0 / SCALE_M) ** 2 * s * t
+    return driven + start + SLOW**2 * np.exp(-np.abs(s - t) / TAU) + WHITE**2 * np.eye(STAMPS_S.size)
+
+
+@pytest.mark.parametrize("left_out", [[], [2, 5]])
+def test_likelihood_is_the_density_of_the_measurements_that_are_used(left_out):
+    used = ~np.isin(np.arange(VALUES.size), left_out)
+    rest = np.flatnonzero(used)
+    normal = multivariate_normal(np.full(rest.size, VALUES[0]), covariance()[np.ix_(rest, rest)])
+    assert likelihood(one_stretch(used), model())[0].item() == pytest.approx(normal.logpdf(VALUES[rest]), rel=1e-9)
+
+
+def test_gate_leaves_a_spike_out():
+    values = VALUES.copy()
+    values[3] += 5.0
+    spiked = Stretches(one_stretch().intervals_s, values[:, None, None], one_stretch().used, np.array([SCALE_M]))
+    kept, normalised = likelihood(spiked, model(), gate=4.5)
+    without, _ = likelihood(one_stretch(np.arange(7) != 3), model())
+    assert np.abs(normalised[3]).item() > 4.5
+    assert kept.item() == pytest.approx(without.item())
+
+
+# ---------------------------------------------------------------- timing
+
+
+GRID_S = np.arange(600) / 30.0
+
+
+@pytest.mark.parametrize("late_s", [np.zeros(600), np.where(np.arange(600) % 7 == 3, 0.025, 0.0)])
+def test_late_frames_are_not_lost(late_s):
+    found = frame_times(GRID_S + late_s)
+    assert found.regular
+    assert (found.single_share, found.gaps_s.size) == (0.0, 0)
+    assert found.rate_hz == pytest.approx(30.0, rel=1e-3)
+    assert found.jitter_s == pytest.approx(np.diff(GRID_S + late_s).std(), rel=1e-6, abs=1e-9)
+
+
+def test_single_losses_and_gaps_are_told_apart():
+    lost = np.zeros(600, dtype=bool)
+    lost[[20, 60, 200, 250, 400, 450, 500, 550]] = True
+    lost[101:113] = lost[301:307] = True
+    rng = np.random.default_rng(0)
+    found = frame_times((GRID_S + 0.002 * rng.standard_normal(600))[~lost])
+    assert found.single_share == pytest.approx(8 / 600)
+    assert found.gaps_s == pytest.approx([12 / 30, 6 / 30], rel=1e-3)
+    assert found.rate_hz == pytest.approx(30.0, rel=1e-3)
+    assert found.gap_interval_s == pytest.approx((GRID_S[-1] - 18 / 30) / 2, rel=1e-2)
+
+
+def test_an_irregular_tracker_loses_nothing():
+    intervals_s = np.random.default_rng(1).uniform(1 / 30, 1 / 4, 400)
+    intervals_s[200] = 2.0
+    found = frame_times(np.cumsum(intervals_s))
+    assert not found.regular
+    assert found.single_share == 0.0
+    assert found.gaps_s == pytest.approx([2.0 - np.median(intervals_s)], rel=1e-4)
+    assert found.rate_hz == pytest.approx(1.0 / np.delete(intervals_s, 200).mean(), rel=1e-3)
