@@ -14,20 +14,26 @@ COMMANDS = (
 )  # fmt: skip
 
 
-def attention_log(error_deg, attended=(), away=(), swaps_s=(), **about):
+def attention_log(error_deg, attended=(), away=(), swaps_s=(), captures_s=(), **about):
     """A gaze that is so far off a head straight ahead at each tick.
 
-    `attended` has times, numbers and whys; `away` has beginnings, ends and whys.
+    `attended` has times, numbers and whys; `away` has beginnings, ends and whys; what was captured arrives 0.1 s later.
     """
     times_s, numbers, whys = zip(*attended, strict=True) if attended else ((), (), ())
     starts_s, ends_s, reasons = zip(*away, strict=True) if away else ((), (), ())
     joints = np.column_stack([np.deg2rad(error_deg), np.zeros(len(error_deg))])
-    sizes = {"M": len(error_deg), "J": 2, "H": len(FORECAST_HORIZONS_S), 3: 3}
-    arrays = {name: np.zeros([sizes.get(axis, 0) for axis in axes]) for name, axes in SHAPES.items()}
+    sizes = {"M": len(error_deg), "F": len(captures_s), "J": 2, "H": len(FORECAST_HORIZONS_S), 3: 3}
+    arrays = {
+        name: np.full([sizes.get(axis, 0) for axis in axes], np.nan if axes[0] == "F" else 0.0)
+        for name, axes in SHAPES.items()
+    }
     arrays["time_s"] = arrays["joint_time_s"] = TICK_S * np.arange(len(error_deg))
     arrays["joint_position_rad"] = arrays["command_position_rad"] = joints
     arrays["head_true_base_m"][:] = [2.0, 0.0, 0.0]
     told = {
+        "capture_time_s": captures_s,
+        "arrival_time_s": np.add(captures_s, 0.1),
+        "person_id": np.full(len(captures_s), ""),
         "forecast_horizon_s": FORECAST_HORIZONS_S,
         "attended_time_s": times_s,
         "attended_why": np.array(whys, dtype=np.str_),

@@ -140,6 +140,10 @@ XSENS = body(
     "Collar Shoulder Elbow Wrist",
 )
 ROKOKO = body("Hips", ["Spine1", "Spine2", "Spine3", "Spine4", "Neck"], "Head", BY_WORD, "Thigh Shin Foot Toe", _ARM)
+BIPED = renamed(
+    body("Pelvis", ["Spine", "Neck"], "Head", ("L {}", "R {}"), "Thigh Calf Foot Toe0", "Clavicle UpperArm Hand"),
+    "Bip01 {}".format,
+)
 # Of Rigify's human: no bone is named head or hips.
 BLENDER_RIGIFY = body("spine", [f"spine.00{k}" for k in range(1, 6)], "spine.006", ("{}.L", "{}.R"), *_BONES)
 BLENDER = body("hips", ["spine", "chest", "neck"], "head", BY_LETTER, *_BONES)

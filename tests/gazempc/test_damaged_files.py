@@ -54,7 +54,7 @@ def damaged(data, rng):
     """The bytes of a file with one to three damages of random kinds."""
     if data.startswith(b"PK") and rng.random() < 0.7:
         return _array(data, rng)
-    ways = (_flip, _cut, _digit, _digit, _digit, _number, _number, _token, _swap, _drop)
+    ways = (_flip, _cut, _digit, _digit, _digit, _number, _number, _token, _drop)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         data = rng.choice(ways)(data, rng)
     return data
@@ -111,11 +111,6 @@ def _digit(data, rng):
 def _token(data, rng):
     at = _place(data, rng)
     return data[:at] + rng.choice(_TOKENS) + data[at:]
-
-
-def _swap(data, rng):
-    a, b, c = sorted(_place(data, rng) for _ in range(3))
-    return data[:a] + data[b:c] + data[a:b] + data[c:]
 
 
 def _drop(data, rng):

@@ -6,8 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders.attention import TICK_S, attention_log, error_in, of_motion
-from builders.recordings import reordered, synthetic
-from builders.replays import QUICK, replayed, run_info
 
 import gazempc as gz
 from gazempc.neck.picture import Framing
@@ -71,79 +69,60 @@ def test_with_an_unknown_true_head_only_switches_are_counted():
 # ---------------------------------------------------------------- the picture
 
 
-NECK = gz.load_neck("reference")
-TICKS = 1200
-
-
-@pytest.fixture(scope="module")
-def replay_log():
-    return replayed(reordered(synthetic("subject03_R1"), range(60)), "reactive", settings=QUICK, neck=NECK)
-
-
-def log_of(replay_log, pan_deg, framing, capture_time_s=None):
-    """A head straight ahead, seen by a camera with a given pan."""
-    time_s = np.arange(TICKS) * NECK.servo_period_s
-    joints = np.radians(np.stack([pan_deg(time_s), np.zeros(TICKS)], axis=-1))
-    settings = {"framing": framing.model_dump(mode="json")}
-    run = replay_log.run.model_copy(update={"settings": settings})
-    log = of_motion(replay_log, time_s, joints, np.tile([2.5, 0.0, 0.0], (TICKS, 1)), run=run)
-    if capture_time_s is None:
-        return log
-    fields = ("head_observed_base_m", "person_id", "forecast_mean_base_m", "forecast_covariance_m2")
-    fields += ("forecast_degrees_of_freedom", "forecast_true_base_m")
-    few = {name: getattr(log, name)[: capture_time_s.size] for name in fields}
-    return dataclasses.replace(log, capture_time_s=capture_time_s, arrival_time_s=capture_time_s + 0.1, **few)
+def log_of(pan_deg, framing, captures_s=()):
+    """6 s of a head straight ahead, seen by a camera with a given pan."""
+    time_s = np.arange(0.0, 6.0, TICK_S)
+    joints = np.radians(np.stack([pan_deg(time_s), np.zeros(time_s.size)], axis=-1))
+    log = attention_log([0.0], captures_s=captures_s, settings={"framing": framing.model_dump(mode="json")})
+    return of_motion(log, time_s, joints, np.tile([2.5, 0.0, 0.0], (time_s.size, 1)))
 
 
 FRAMING = Framing(view_deg=(60.0, 34.0), zone=(0.2, 0.2), headroom=0.5)  # 6 deg to each side
 
 
-def test_time_in_zone_is_the_share_of_ticks_within_half_the_zone(replay_log):
-    metrics = gz.measure(log_of(replay_log, lambda t: 2.0 * t, FRAMING))  # 6 deg off at 3 s; 1 to 6 s are scored
+def test_time_in_zone_is_the_share_of_ticks_within_half_the_zone():
+    metrics = gz.measure(log_of(lambda t: 2.0 * t, FRAMING))  # 6 deg off at 3 s; 1 to 6 s are scored
     assert metrics.time_in_zone == pytest.approx(2.0 / 5.0, abs=0.01)
 
 
-def test_headroom_moves_the_zone(replay_log):
-    assert gz.measure(log_of(replay_log, np.zeros_like, FRAMING)).time_in_zone == 1.0
+def test_headroom_moves_the_zone():
+    assert gz.measure(log_of(np.zeros_like, FRAMING)).time_in_zone == 1.0
     high = FRAMING.model_copy(update={"headroom": 0.3})  # 6.8 deg of 34, the zone has 3.4
-    assert gz.measure(log_of(replay_log, np.zeros_like, high)).time_in_zone == 0.0
+    assert gz.measure(log_of(np.zeros_like, high)).time_in_zone == 0.0
 
 
-def test_without_a_framing_of_one_person_the_zone_is_not_known(replay_log):
+def test_without_a_framing_of_one_person_the_zone_is_not_known():
     for subject in ("no", "all"):
         off = FRAMING.model_copy(update={"subject": subject})
-        assert np.isnan(gz.measure(log_of(replay_log, np.zeros_like, off)).time_in_zone)
+        assert np.isnan(gz.measure(log_of(np.zeros_like, off)).time_in_zone)
 
 
-def test_reversals_and_travel_of_a_swing(replay_log):
+def test_reversals_and_travel_of_a_swing():
     """5 s of a sine of 2 deg and 1 s: two reversals and 8 deg a second."""
-    metrics = gz.measure(log_of(replay_log, lambda t: 2.0 * np.sin(2.0 * np.pi * t), FRAMING))
+    metrics = gz.measure(log_of(lambda t: 2.0 * np.sin(2.0 * np.pi * t), FRAMING))
     assert metrics.reversals_per_min == pytest.approx(120.0, rel=0.11)
     assert metrics.travel_deg_per_min == pytest.approx(480.0, rel=0.01)
-    calm = gz.measure(log_of(replay_log, lambda t: 0.2 * np.sin(2.0 * np.pi * t), FRAMING))
+    calm = gz.measure(log_of(lambda t: 0.2 * np.sin(2.0 * np.pi * t), FRAMING))
     assert calm.reversals_per_min == 0.0
 
 
-def test_time_to_reacquire_counts_from_the_first_observation_after_a_gap(replay_log):
+def test_time_to_reacquire_counts_from_the_first_observation_after_a_gap():
     captures = np.concatenate([np.arange(0.0, 2.0, 0.1), np.arange(3.0, 5.0, 0.1)])
-    log = log_of(replay_log, lambda t: np.where(t < 4.0, 10.0, 0.0), FRAMING, captures)
+    log = log_of(lambda t: np.where(t < 4.0, 10.0, 0.0), FRAMING, captures)
     assert gz.measure(log).time_to_reacquire_s == pytest.approx(4.0 - 3.1, abs=0.01)
-    assert np.isnan(gz.measure(log_of(replay_log, np.zeros_like, FRAMING)).time_to_reacquire_s)
+    assert np.isnan(gz.measure(log_of(np.zeros_like, FRAMING)).time_to_reacquire_s)
 
 
 # ---------------------------------------------------------------- starts
 
 
-TEMPLATE = attention_log(np.zeros(10))
-
-
-def gazing(off_deg, x_m=2.5, y_m=0.0):
-    """A run whose gaze is off the head by angles about the vertical, a tick each; x and y of the head may vary."""
+def gazing(off_deg, y_m=0.0, captures_s=(), **changes):
+    """A run whose gaze is off the head by angles about the vertical, a tick each; y of the head may vary."""
     count = off_deg.size
-    time_s = TICK_S * np.arange(count)
-    head_m = np.column_stack([np.full(count, 1.0) * x_m, np.full(count, 1.0) * y_m, np.zeros(count)])
+    head_m = np.column_stack([np.full(count, 2.5), np.full(count, 1.0) * y_m, np.zeros(count)])
     pan_rad = np.arctan2(head_m[:, 1], head_m[:, 0]) + np.deg2rad(off_deg)
-    return of_motion(TEMPLATE, time_s, np.column_stack([pan_rad, np.zeros(count)]), head_m, run=run_info())
+    joints, log = np.column_stack([pan_rad, np.zeros(count)]), attention_log([0.0], captures_s=captures_s)
+    return of_motion(log, TICK_S * np.arange(count), joints, head_m, **changes)
 
 
 def starter(seconds=8.0):
@@ -151,11 +130,6 @@ def starter(seconds=8.0):
     t = TICK_S * np.arange(round(seconds / TICK_S))
     ramp_s = np.clip(t - 2.0, 0.0, 1.0)
     return t, 0.5 * ramp_s**2 + np.maximum(t - 3.0, 0.0)
-
-
-def time_to_contact_s(off_deg):
-    _, y_m = starter()
-    return measure(gazing(off_deg, y_m=y_m)).time_from_start_to_contact_s
 
 
 @pytest.mark.parametrize(
@@ -171,40 +145,30 @@ def time_to_contact_s(off_deg):
     ],
 )
 def test_contact_after_a_start(off, expected_s):
-    t, _ = starter()
+    t, y_m = starter()
     off_deg = np.zeros(t.size)
     for from_s, to_s in off:
         off_deg[(t >= from_s) & (t < to_s)] = 6.0
-    assert time_to_contact_s(off_deg) == pytest.approx(expected_s, abs=0.04)
+    assert measure(gazing(off_deg, y_m)).time_from_start_to_contact_s == pytest.approx(expected_s, abs=0.04)
 
 
 def test_a_planned_look_away_does_not_lose_contact():
     t, y_m = starter()
     off_deg = np.where((t >= 2.5) & (t < 3.1), 6.0, 0.0)
-    log = gazing(off_deg, y_m=y_m)
+    log = gazing(off_deg, y_m)
     away = {"away_start_s": np.array([2.4]), "away_end_s": np.array([3.2]), "away_why": np.array(["glance"])}
     assert measure(dataclasses.replace(log, **away)).time_from_start_to_contact_s == 0.0
 
 
-def standing(off_m, seconds=12.0, y_m=0.0, rate_hz=30.0):
+def standing(off_m, seconds=12.0, rate_hz=30.0):
     """A run whose forecasts for 0.5 s lie aside of the observed head, by `off_m` of the capture times."""
-    log = gazing(np.zeros(round(seconds / TICK_S)), y_m=y_m)
-    capture_s = np.arange(0.0, seconds, 1.0 / rate_hz)
-    observed_m = np.column_stack([np.full(capture_s.size, 2.5), np.zeros((capture_s.size, 2))])
+    captures_s = np.arange(0.0, seconds, 1.0 / rate_hz)
+    observed_m = np.tile([2.5, 0.0, 0.0], (captures_s.size, 1))
     means_m = np.repeat(observed_m[:, None], 3, axis=1)
-    means_m[:, 1] += off_m(capture_s)
+    means_m[:, 1] += off_m(captures_s)
     means_m[:, 2] += 9.0  # the horizon of 1 s does not count
-    return dataclasses.replace(
-        log,
-        capture_time_s=capture_s,
-        arrival_time_s=capture_s,
-        head_observed_base_m=observed_m,
-        person_id=np.full(capture_s.size, ""),
-        forecast_mean_base_m=means_m,
-        forecast_true_base_m=np.full(means_m.shape, np.nan),
-        forecast_covariance_m2=np.full((*means_m.shape, 3), np.nan),
-        forecast_degrees_of_freedom=np.full(capture_s.size, np.nan),
-    )
+    seen = {"head_observed_base_m": observed_m, "forecast_mean_base_m": means_m}
+    return gazing(np.zeros(round(seconds / TICK_S)), captures_s=captures_s, **seen)
 
 
 @pytest.mark.parametrize(

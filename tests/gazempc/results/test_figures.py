@@ -23,20 +23,20 @@ from gazempc.results.figures.overview import attended, draw_contact_bars, draw_g
 from gazempc.results.figures.people import person_colour
 from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.results.page.run_page import run_page
+from gazempc.results.run_summary import LABELS
 from gazempc.results.table import measured_again
 
 EYES = load_neck("reference_eyes")
 ALL = EYES.model_copy(update={"name": "all", "body": load_neck("reachy_mini_body").body})
 ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "nobody"))
 AWAY = ((5.0, 6.5, "thinking"),)
-CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
 
 
 @pytest.fixture(scope="module")
 def logs():
     # Contact is lost and regained in the scored window.
     short = replayed(reordered(synthetic("subject03_R1"), range(72)), "reactive", settings=QUICK)
-    others = {name: replace(short, run=short.run.model_copy(update={"controller": name})) for name in CONTROLLERS}
+    others = {name: replace(short, run=short.run.model_copy(update={"controller": name})) for name in LABELS}
     return {**others, "mpc": replace(others["mpc"], joint_position_rad=0.9 * short.joint_position_rad)}
 
 

@@ -161,7 +161,7 @@ def nees_of(freedom):
     return np.einsum("ni,ij,nj->n", errors, np.linalg.inv(SPREAD), errors)
 
 
-@pytest.mark.parametrize("freedom", [2.5, 4.0, 10.0, np.inf])
+@pytest.mark.parametrize("freedom", [2.5, 10.0, np.inf])
 @pytest.mark.parametrize("share", SHARES)
 def test_of_errors_as_stated_the_stated_share_is_inside(freedom, share):
     assert np.mean(inside(nees_of(freedom), np.full(DRAWS, freedom), share)) == pytest.approx(share, abs=0.007)

@@ -7,7 +7,7 @@ import pytest
 from builders.sensing import HEAD_M, correlation, position_errors, seen, sensor, standing, yaw_errors
 
 from gazempc.errors import SettingsError
-from gazempc.sim.sensor import load_sensor, observe
+from gazempc.sim.sensor import load_sensor
 
 ALONG = HEAD_M / np.linalg.norm(HEAD_M)
 LEFT = np.array([-ALONG[1], ALONG[0], 0.0])
@@ -125,10 +125,9 @@ def test_errors_of_different_kinds_and_of_different_recordings_share_no_noise():
 @pytest.mark.parametrize("head_m", [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
 def test_a_head_at_the_sensor_or_straight_above_it_has_finite_errors(head_m):
     walk = standing(1.0, np.array(head_m))
-    spec = sensor(along={"noise_m": 0.01}, across={"noise_m": 0.01}, states_covariance=True)
-    for each in observe(walk, spec, 0):
-        assert np.isfinite(each.observation.head_position_base_m).all()
-        assert each.observation.position_covariance_m2 == pytest.approx(1e-4 * np.eye(3))
+    for each in seen(walk, along={"noise_m": 0.01}, across={"noise_m": 0.01}, states_covariance=True):
+        assert np.isfinite(each.head_position_base_m).all()
+        assert each.position_covariance_m2 == pytest.approx(1e-4 * np.eye(3))
 
 
 HEAD = {"noise_deg": 2.0, "wander_deg": 8.0, "wander_time_s": 0.8}
@@ -171,20 +170,12 @@ def test_a_flip_holds_for_its_mean_time():
 
 def test_stated_sds_of_yaws_are_those_of_white_error_and_wander_where_there_is_a_yaw():
     away = standing(20.0, facing_away_deg=180.0)
-    spec = sensor(
-        states_covariance=True,
-        position_noise_m=0.01,
-        yaw_noise_deg=2.0,
-        head_yaw={"wander_deg": 4.0, "lost_share": 0.5},
-        pelvis_yaw={"reported": False},
-    )
-    observations = [s.observation for s in observe(away, spec, 0)]
+    yaws = {"head_yaw": {"wander_deg": 4.0, "lost_share": 0.5}, "pelvis_yaw": {"reported": False}}
+    observations = seen(away, 0, states_covariance=True, position_noise_m=0.01, yaw_noise_deg=2.0, **yaws)
     for each in observations:
         assert each.pelvis_yaw_sd_rad is None
-        if each.head_quat_wxyz is None:
-            assert each.head_yaw_sd_rad is None
-        else:
-            assert np.degrees(each.head_yaw_sd_rad) == pytest.approx(np.sqrt(20.0))
+        stated = None if each.head_quat_wxyz is None else pytest.approx(np.radians(np.sqrt(20.0)))
+        assert each.head_yaw_sd_rad == stated
     assert {each.head_quat_wxyz is None for each in observations} == {True, False}
 
 
