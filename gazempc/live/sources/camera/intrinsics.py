@@ -133,7 +133,7 @@ def _values(path: Path) -> dict[str, FloatArray]:
         try:
             return {name: np.asarray(value, dtype=np.float64) for name, value in found.items() if _is_numbers(value)}
         except ValueError as error:
-            raise SettingsError(f"--camera.calibration {path}: {error}") from None
+            raise SettingsError(f"--camera.calibration {path}: {str(error)[:200]}") from None
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
         if not storage.isOpened():
