@@ -20,13 +20,13 @@ LIVE = ["gazempc.live", "--robot", "simulated", "--no-figures", "--source"]
 HANG_S = 240
 
 
-def start(words, shell_end="", **environment):
+def start(words, shell_end=""):
     """A command as a shell starts it; text of both streams is for reading."""
     command = f'exec "{sys.executable}" -m {" ".join(words)} {shell_end}'
     return subprocess.Popen(
         ["/bin/sh", "-c", command],
         cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -54,7 +54,7 @@ def test_closed_standard_input_is_a_source_that_has_ended(tmp_path):
 def test_output_to_a_full_disk_is_a_message():
     status, _, error = ended(start(["gazempc.run", "--list"], ">/dev/full"))
     assert status == 2
-    assert error.strip() == "gazempc: [Errno 28] No space left on device"
+    assert "[Errno 28]" in error
 
 
 @pytest.mark.slow

@@ -118,15 +118,6 @@ def _drop(data, rng):
     return data[:a] + data[b:]
 
 
-def table_of(walk):
-    columns = {"t": walk.times_s}
-    for part in ("head", "pelvis"):
-        columns |= {f"{part}_{c}": v for c, v in zip("xyz", getattr(walk, f"{part}_m").T, strict=True)}
-        columns |= {f"{part}_q{c}": v for c, v in zip("wxyz", walk.quat_wxyz(part).T, strict=True)}
-    lines = [",".join(columns), *(",".join(f"{v:.5f}" for v in row) for row in zip(*columns.values(), strict=True))]
-    return columns, "\n".join(lines) + "\n"
-
-
 def measured(path):
     return measured_again(load_log(path))
 
@@ -156,7 +147,12 @@ def sound(tmp_path_factory):
             table.write_text(beside)
         add(name, file, read, table)
 
-    columns, table = table_of(exports.Walk)
+    columns = {"t": exports.Walk.times_s}
+    for part in ("head", "pelvis"):
+        columns |= {f"{part}_{c}": v for c, v in zip("xyz", getattr(exports.Walk, f"{part}_m").T, strict=True)}
+        columns |= {f"{part}_q{c}": v for c, v in zip("wxyz", exports.Walk.quat_wxyz(part).T, strict=True)}
+    values = [",".join(f"{v:.5f}" for v in row) for row in zip(*columns.values(), strict=True)]
+    table = "\n".join([",".join(columns), *values, ""])
     times_s = np.arange(40) / 20.0
     rows = ({"capture_time_s": t, "head_position_m": [2.0, 0.1 * t, 0.3], "person_id": "a"} for t in times_s)
     text("table", "anna_1.csv", table, load)

@@ -8,7 +8,6 @@ from typing import Literal
 import pytest
 from builders.own_modules import write_own_parts
 
-from gazempc import part_options
 from gazempc.errors import SettingsError
 from gazempc.part_options import check_options, make, options_for, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, Kind, check_choice, check_members, find, is_own, name_of
@@ -122,49 +121,37 @@ class Thing:
     neck: str = ""
 
 
-def made(monkeypatch, factory, given=None, **options):
-    monkeypatch.setattr(part_options, "find", lambda kind, choice: factory)
-    return make(THING, "mine:Thing", given or {}, options)
+class Plain:
+    def __init__(self, gains, label="x"):
+        self.gains, self.label = gains, label
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "value"),
-    [
-        ("count", "3", 3),
-        ("gain", "0.25", 0.25),
-        ("on", "true", True),
-        ("path", "a/b", Path("a/b")),
-        ("mode", "slow", "slow"),
-        ("angles", "[1, 2.5]", (1.0, 2.5)),
-        ("table", "{a: 1}", {"a": 1}),
-    ],
-)
-def test_a_value_is_read_in_the_type_of_the_parameter(name, text, value, monkeypatch):
-    found = getattr(made(monkeypatch, Thing, **{name: text}), name)
-    assert found == value
-    assert type(found) is type(value)
+def made(name="Thing", given=None, **options):
+    return make(THING, f"{__name__}:{name}", given or {}, options)
+
+
+def test_values_are_read_in_the_types_of_the_parameters():
+    texts = {"count": "3", "gain": "0.25", "on": "true", "path": "a/b", "mode": "slow"}
+    found = made(**texts, angles="[1, 2.5]", table="{a: 1}")
+    assert repr(found) == repr(Thing(3, 0.25, True, Path("a/b"), "slow", (1.0, 2.5), {"a": 1}))
 
 
 @pytest.mark.parametrize(
     ("name", "text"),
     [("count", "3.5"), ("gain", "much"), ("on", "maybe"), ("mode", "medium"), ("angles", "[1, x]"), ("table", "{a:")],
 )
-def test_a_wrong_value_is_named(name, text, monkeypatch):
-    with pytest.raises(SettingsError, match=rf"thing mine:Thing: options\.{name}: .* \(given: "):
-        made(monkeypatch, Thing, **{name: text})
+def test_a_wrong_value_is_named(name, text):
+    with pytest.raises(SettingsError, match=rf"thing {__name__}:Thing: options\.{name}: .* \(given: "):
+        made(**{name: text})
 
 
-def test_without_an_annotation_text_is_read_as_yaml(monkeypatch):
-    class Plain:
-        def __init__(self, gains, label="x"):
-            self.gains, self.label = gains, label
-
-    assert made(monkeypatch, Plain, gains="[1, 2]", label="a b").gains == [1, 2]
+def test_without_an_annotation_text_is_read_as_yaml():
+    assert made("Plain", gains="[1, 2]", label="a b").gains == [1, 2]
 
 
-def test_what_is_given_goes_to_who_asks_and_an_option_wins(monkeypatch):
-    assert made(monkeypatch, Thing, {"neck": "long", "clock": 3}).neck == "long"
-    assert made(monkeypatch, Thing, {"neck": "long"}, neck="short").neck == "short"
+def test_what_is_given_goes_to_who_asks_and_an_option_wins():
+    assert made(given={"neck": "long", "clock": 3}).neck == "long"
+    assert made(given={"neck": "long"}, neck="short").neck == "short"
 
 
 @pytest.fixture(scope="module")

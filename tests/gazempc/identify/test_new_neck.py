@@ -1,6 +1,7 @@
 """A neck file from a data sheet, and from a URDF against forward kinematics of the whole chain."""
 
 import datetime
+import io
 import math
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
-from gazempc.identify import identify
 from gazempc.identify.identify import main
 from gazempc.identify.urdf import read_urdf
 from gazempc.neck.kinematics import gaze_ray
@@ -20,7 +20,7 @@ SHEET = ["--sheet.pan-deg", "-70", "80", "--sheet.tilt-deg", "-30", "40", "--she
 def test_options_alone_make_a_file_that_marks_assumed_values(tmp_path, capsys):
     path = tmp_path / "sub" / "mine.toml"
     words = [*SHEET, "--sheet.tilt-speed", "90 deg/s", "--sheet.head-view-deg", "69", "42"]
-    assert identify.main(["--new", str(path), *words]) == 0
+    assert main(["--new", str(path), *words]) == 0
     said = capsys.readouterr().out
     assert str(path) in said
     neck = load_neck(path)
@@ -43,25 +43,19 @@ def test_options_alone_make_a_file_that_marks_assumed_values(tmp_path, capsys):
 def test_a_speed_that_the_range_leaves_no_room_for_is_doubted(tmp_path, capsys):
     """By the rules of thumb reaching a speed and stopping takes 0.25 s of it: of 150 and 70 deg 10.5 and 4.9 rad/s."""
     sheet = ["--sheet.pan-deg", "-75", "75", *SHEET[3:-1], "11 rad/s"]
-    assert identify.main(["--new", str(tmp_path / "mine.toml"), *sheet]) == 0
+    assert main(["--new", str(tmp_path / "mine.toml"), *sheet]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert [line.split(": ")[1] for line in printed if line.startswith("Warning: ")] == ["tilt"]
 
 
 def test_missing_values_are_asked_for_until_one_can_be_read(tmp_path, monkeypatch, capsys):
     answers = iter(["-70, 80", "fast", "0.2 s/60deg", "10 50", "40 -30", "5.2 rad/s"])
-    asked = []
-
-    def answer(question):
-        asked.append(question)
-        return next(answers)
-
-    monkeypatch.setattr("builtins.input", answer)
-    assert identify.main(["--new", str(tmp_path / "asked.toml")]) == 0
+    monkeypatch.setattr("builtins.input", lambda question: next(answers))
+    assert main(["--new", str(tmp_path / "asked.toml")]) == 0
     said = capsys.readouterr().out
-    assert "'fast' is no speed" in said
-    assert "'10 50' does not hold 0" in said
-    assert len(asked) == 6
+    assert "'fast'" in said
+    assert "'10 50'" in said
+    assert list(answers) == []
     neck = load_neck(tmp_path / "asked.toml")
     assert (neck.pan.position_min_deg, neck.pan.position_max_deg) == (-70.0, 80.0)
     assert (neck.tilt.position_min_deg, neck.tilt.position_max_deg) == (-30.0, 40.0)
@@ -69,10 +63,7 @@ def test_missing_values_are_asked_for_until_one_can_be_read(tmp_path, monkeypatc
 
 
 def test_refused_data_sheets(tmp_path, monkeypatch, capsys):
-    def no_answer(question):
-        raise EOFError
-
-    monkeypatch.setattr("builtins.input", no_answer)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
     new = str(tmp_path / "n.toml")
     for words, problem in (
         (["--new", new], "give --sheet.pan-deg"),
@@ -80,12 +71,12 @@ def test_refused_data_sheets(tmp_path, monkeypatch, capsys):
         (["--new", new, "--sheet.pan-deg", "10", "80"], "--sheet.pan-deg: '10.0 80.0' does not hold 0"),
         (["--robot", "simulated", *SHEET, "--out", new], "--sheet"),
     ):
-        assert identify.main(words) == 2
+        assert main(words) == 2
         assert problem in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-    assert identify.main(["--new", new, *SHEET]) == 0
+    assert main(["--new", new, *SHEET]) == 0
     before = (tmp_path / "n.toml").read_text()
-    assert identify.main(["--new", new, *SHEET]) == 2
+    assert main(["--new", new, *SHEET]) == 2
     assert "exists already" in capsys.readouterr().err
     assert (tmp_path / "n.toml").read_text() == before
 

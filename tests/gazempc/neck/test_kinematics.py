@@ -131,12 +131,6 @@ def test_a_neck_is_sent_the_way_it_can_go():
 # ---------------------------------------------------------------- how uncertain a direction is
 
 
-def random_covariance(rng, deviation_m):
-    """Correlated in all three directions."""
-    root = rng.normal(size=(3, 3))
-    return np.asarray(deviation_m**2 * (root @ root.T), dtype=np.float64)
-
-
 @pytest.mark.parametrize("target", [[2.5, 0.0, 0.0], [1.5, 0.7, 0.4], [2.5, -1.0, -1.3], [-0.9, 0.2, 0.6]])
 def test_direction_deviations_are_those_of_the_derivative_of_look_at(target):
     """Propagated with a Jacobian by central differences, neck without offsets."""
@@ -146,7 +140,8 @@ def test_direction_deviations_are_those_of_the_derivative_of_look_at(target):
     jacobian = (angles[:3] - angles[3:]).T / (2.0 * step_m)
     rng = np.random.default_rng(4)
     for _ in range(20):
-        covariance = random_covariance(rng, 0.1)
+        root = 0.1 * rng.normal(size=(3, 3))
+        covariance = root @ root.T
         expected = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
         assert angle_deviations_rad(np.array(target), covariance) == pytest.approx(expected, rel=1e-6)
 

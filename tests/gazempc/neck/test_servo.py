@@ -33,9 +33,9 @@ def step_response(times_s, wn, zeta):
     return np.real(response)
 
 
-def replay(joint, commands, look_s, period_s=TICK_S):
-    """Positions at given times of a joint that starts at 0 and is sent one command a period, from time 0 on."""
-    servo = DelayedServo(joint, 0.0)
+def replay(joint, commands, look_s, period_s=TICK_S, start=0.0):
+    """States at given times of a joint that starts at rest and is sent one command a period, from time 0 on."""
+    servo = DelayedServo(joint, start)
     sends = [(k * period_s, 1, float(u)) for k, u in enumerate(commands)]
     looks = [(float(t), 0, 0.0) for t in look_s]
     seen = []
@@ -160,23 +160,13 @@ def with_joints(dead_times_s, rate_hz, zeta):
     return NECK.with_axes(axes).model_copy(update={"servo_rate_hz": rate_hz, "control_rate_hz": control_hz})
 
 
-def executed(axis, commands, period_s):
-    """States at each tick of a joint that starts at 0.1 and is sent the commands."""
-    joint, states = DelayedServo(axis, 0.1), []
-    for k, command in enumerate(commands):
-        joint.advance_to(k * period_s)
-        states.append(joint.state)
-        joint.send(float(command))
-    return states
-
-
 @pytest.mark.parametrize(("neck", "dead_time_s"), [("reference", None), ("reachy_mini", 0.0), ("fetch", 0.0613)])
 def test_it_is_where_the_simulated_joint_will_be(neck, dead_time_s):
     spec = load_neck(neck)
     axis = spec.pan if dead_time_s is None else spec.pan.model_copy(update={"dead_time_s": dead_time_s})
     period_s, at = spec.servo_period_s, [0, 1, 7, 20, 45]
     commands = 0.1 + np.cumsum(np.random.default_rng(1).normal(0.0, 0.02, 160))
-    states = executed(axis, commands, period_s)
+    states = replay(axis, commands, period_s * np.arange(commands.size), period_s, 0.1)
     ahead = JointAhead(axis, period_s, period_s * np.array(at, dtype=np.float64))
     found = ahead(*states[NOW], commands[:NOW], commands[NOW:])
     np.testing.assert_allclose(found, [states[NOW + k][0] for k in at], atol=1e-12)

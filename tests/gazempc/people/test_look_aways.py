@@ -123,10 +123,9 @@ def test_another_rhythm_from_now_on():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mode", ["listening"])
-def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time(mode):
+def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time():
     scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 16.0), SceneSettings(sensor="reference", placement="recorded"))
-    settings = ReplaySettings(look_away=LookAwaySettings(rhythm=mode))
+    settings = ReplaySettings(look_away=LookAwaySettings(rhythm="listening"))
     log = replay_scene(scene, "mpc", "constant_velocity", settings).log
     found = measure_attention(log)
     assert found.away_duration_ratio == pytest.approx(1.0, abs=0.05)

@@ -51,10 +51,6 @@ def numbers_at(crowd, time_s):
     return [state.number for state in crowd.present(time_s)]
 
 
-def last_numbers(found):
-    return [number for number, _ in found[-1]]
-
-
 def test_false_detections_of_two_frames_start_no_track():
     crowd = people()
     found = shown(crowd, [frame(k * FRAME_S, [A_M, B_M] if k < 2 else [A_M]) for k in range(20)])
@@ -82,7 +78,7 @@ def test_names_that_swap_while_people_walk_on_change_no_track():
     crowd = people()
     swapped = [frame(t, [one[k], other[k]], ["a", "b"] if k < 45 else ["b", "a"]) for k, t in enumerate(TIMES_S)]
     found = shown(crowd, swapped)
-    assert last_numbers(found) == [1, 2]
+    assert [number for number, _ in found[-1]] == [1, 2]
     assert [became for _, became in found[45]] == [Became.RENAMED] * 2
     assert [became for _, became in found[46]] == [Became.USED] * 2
 

@@ -175,10 +175,7 @@ def test_separators_and_decimal_commas(tmp_path, separator, comma, ending):
 def test_a_table_without_header_has_numbers_for_names(tmp_path):
     path = write(tmp_path / "a.csv", None, T, Walk.head_m, 0 * T)
     same_head(read(path, "t=1, head=[2,3,4]"))
-    expected = (
-        r"missing column\(s\) t, head_x.*found '1, 2, 3, 4, 5'.*t=1:s, head=\[2,3,4\].*the order t, x, y, z is a guess"
-    )
-    with pytest.raises(RecordingError, match=expected):
+    with pytest.raises(RecordingError, match=r"t, head_x.*'1, 2, 3, 4, 5'.*t=1:s, head=\[2,3,4\]"):
         load(path)
 
 

@@ -231,9 +231,7 @@ def side_exchanged(name):
 
 def test_names_and_feet_that_contradict_are_asked_about(tmp_path):
     path = sk.write_bvh(tmp_path / "walk.bvh", sk.renamed(sk.XSENS, side_exchanged))
-    with pytest.raises(
-        RecordingError, match=r"faces -z at rest by left and right joints, but z by the feet.*option bvh_facing"
-    ):
+    with pytest.raises(RecordingError, match=r"-z at rest by left and right.*z by the feet.*bvh_facing"):
         load(path)
     recording = load(path, ReadOptions(bvh_facing="z"))
     assert_walk(recording)
