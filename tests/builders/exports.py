@@ -18,8 +18,7 @@ class Walk:
     """A person who walks a curve and looks 0.3 rad to the left of the direction of travel; metres, z up, floor at 0."""
 
     times_s = np.arange(FRAMES) / RATE_HZ
-    _turn = 0.3 * times_s
-    travel_rad = _turn
+    travel_rad = 0.3 * times_s
     head_m = np.column_stack([1.1 * times_s, 0.5 * times_s**2 / 3.0, 1.62 + 0.02 * np.sin(11.0 * times_s)])
     pelvis_m = head_m + np.array([-0.03, 0.0, -0.63])
     head = Rotation.from_euler("z", travel_rad[:, None] + 0.3)

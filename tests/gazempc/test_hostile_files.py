@@ -162,11 +162,6 @@ def test_absurd_names_are_refused(word):
         assert len(str(caught.value)) < 7000
 
 
-def head_track(times_s, head_m):
-    rows = np.column_stack([times_s, head_m])
-    return "t,head_x,head_y,head_z\n" + "\n".join(",".join(f"{v:.6f}" for v in row) for row in rows) + "\n"
-
-
 TIMES_S = np.arange(90) / 30.0
 WALK_M = np.column_stack([1.1 * TIMES_S, 0.0 * TIMES_S, 1.6 + 0.0 * TIMES_S])
 
@@ -181,7 +176,8 @@ WALK_M = np.column_stack([1.1 * TIMES_S, 0.0 * TIMES_S, 1.6 + 0.0 * TIMES_S])
 )
 def test_what_cannot_be_a_walk_is_refused_with_the_reason(times_s, head_m, said, tmp_path):
     path = tmp_path / "walk.csv"
-    path.write_text(head_track(times_s, head_m))
+    rows = np.column_stack([times_s, head_m])
+    np.savetxt(path, rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
     assert said in refused(load, path)
 
 

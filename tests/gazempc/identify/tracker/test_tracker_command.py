@@ -30,7 +30,7 @@ def as_expected(sensor):
 
 def write_table(path, times_s=TIMES_S, position_m=SEEN_M):
     rows = np.column_stack([times_s, position_m])
-    path.write_text("t,head_x,head_y,head_z\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist()))
+    np.savetxt(path, rows, "%.12g", ",", header="t,head_x,head_y,head_z", comments="")
     return path
 
 

@@ -28,12 +28,12 @@ def measured(seed, times_s, **errors):
 def test_stated_spread_is_that_over_recordings():
     times_s = np.arange(0.0, 12.0, 1.0 / 12.0)
     errors = {"along": (0.035, 0.0, 1.0), "across_deg": (0.08, 0.0, 1.0)}
-    found = [measured(seed, times_s, **errors) for seed in range(5)]
+    found = [measured(seed, times_s, **errors) for seed in range(6)]
     for pick in (lambda one: one.along.fit.white, lambda one: one.across.fit.white):
         stated = np.median([pick(one).sd for one in found])
         happens = np.std([pick(one).value for one in found])
         assert 0.5 * stated < happens < 2.0 * stated
-    assert sum(one.along.wander == "none" for one in found) >= 4
+    assert sum(one.along.wander == "none" for one in found) >= 5
 
 
 @pytest.mark.slow
