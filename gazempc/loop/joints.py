@@ -67,11 +67,10 @@ class FollowingWatch:
     when it has moved by as much as would have to be expected.
 
     Args:
-        neck: The neck; joints that take speeds are not watched.
+        neck: The neck.
     """
 
     def __init__(self, neck: NeckSpec) -> None:
-        self._watched = [i for i, axis in enumerate(neck.axes) if not axis.takes_speed]
         period_s = neck.servo_period_s
         self._ticks = math.ceil(_WINDOW_S / period_s)
         # Plain numbers: arithmetic with numpy's takes several times as long.
@@ -87,7 +86,7 @@ class FollowingWatch:
         self.held: tuple[int, ...] = ()
 
     def sent(self, command_rad: FloatArray) -> None:
-        """Take in the command of this servo period, shape (N,), radians."""
+        """Take in the angles that the command of this servo period leads to, shape (N,), radians."""
         sent = command_rad.tolist()
         self._sent.append(sent)
         if not self._states:
@@ -116,7 +115,7 @@ class FollowingWatch:
             return
         expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
         held = []
-        for joint in self._watched:
+        for joint in range(len(expected_rad)):
             if joint in self.held:
                 stands = moved_rad[joint] < _EXPECTED_RAD
             else:

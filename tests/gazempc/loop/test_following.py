@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from builders.live import run_live
 from builders.loop import LoopBench
 
 from gazempc.controllers.lookahead import LookAhead
@@ -87,3 +88,14 @@ def test_the_event_names_the_joint():
     assert log.event_name.tolist().count("joint_not_following") == 1
     (fault,) = [fault for fault in log.faults if fault.event == "joint_not_following"]
     assert "eye_pan" in fault.error
+
+
+@pytest.mark.parametrize("still", [False, True])
+def test_a_camera_that_takes_speeds_is_watched_too(still):
+    """The angles that its speeds lead to are compared with its position answers."""
+
+    def reading(_, state):
+        return JointState(state.time_s, frozen(state.position_rad, 0), state.velocity_rad_s) if still else state
+
+    result = run_live(neck=load_neck("ptz"), on_read=reading)
+    assert ("joint_not_following" in result.events) == still
