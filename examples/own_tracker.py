@@ -7,7 +7,7 @@ import gazempc as gz
 
 
 def tracker(seconds):
-    """Stands for a camera: somebody walks by, 30 frames a second, each 50 ms old when it is ready."""
+    """Stands for a camera: a person walks by, 30 frames a second, each 50 ms old when it is ready."""
     start_s = time.time()
     while (now_s := time.time()) < start_s + seconds:
         captured_s = now_s - 0.05

@@ -38,7 +38,7 @@ MOUNT = Mount(on="head", position_m=(0.03, 0.02, 0.05), roll_pitch_yaw_deg=(0.0,
 
 
 class RenderedCamera:
-    """Source: pictures rendered from where MuJoCo says that the neck's head is.
+    """Source: pictures rendered from the pose of the neck's head in MuJoCo.
 
     Args:
         studio: Renders them.

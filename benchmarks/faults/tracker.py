@@ -75,7 +75,7 @@ def send(fault: str, port: int, seconds: float) -> None:
             time.sleep(max(0.0, began_s + frame / rate_hz - time.time()))
             now_s, to = time.time(), ("127.0.0.1", port)
             if fault in ("stranger", "strange_flood"):
-                # The run says by a line when it has begun: the tracker is its first sender.
+                # A line announces the start of the run: the tracker is its first sender.
                 if strange_from_s is None and select.select([sys.stdin], [], [], 0.0)[0]:
                     strange_from_s = now_s + _STRANGER_AFTER_S
                 if strange_from_s is not None and now_s > strange_from_s:

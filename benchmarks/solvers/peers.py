@@ -27,7 +27,7 @@ _SOFTENED = 1e-5
 
 
 class PeerFailedError(RuntimeError):
-    """A solver says that it has no solution."""
+    """A solver reports that it has no solution."""
 
 
 class Peer(ABC):

@@ -106,7 +106,7 @@ class Run:
 
 
 def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
-    """Run our solver in closed loop, always with `STEPS` steps: joint and command move as the model says.
+    """Run our solver in closed loop, always with `STEPS` steps: joint and command move by the model.
 
     Args:
         neck: The neck, with one dead time, a whole number of control periods.

@@ -59,7 +59,7 @@ def fit(**settings: Any) -> WalkerModel:
         **settings: Any of `FitSettings`, such as ``recordings=["my_walks"], out="out/fit"``.
 
     Returns:
-        The model fitted on everybody.
+        The model fitted on all people.
 
     Raises:
         GazempcError: If a recording cannot be used, or there are fewer than two people.

@@ -23,7 +23,7 @@ Float32Array = NDArray[np.float32]
 
 HIDDEN = (96, 64)
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
-# Logits before the fit: everybody walks, and who stays does so at the newest position.
+# Initial logits: walking is certain, and the place of staying is the newest position.
 _BEGINS_WALKING, _BEGINS_NEWEST = 2.0, 1.0
 # Errors at the first knot and at the last are of less use than those a neck acts on, 0.1 to 1 s ahead.
 _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])

@@ -177,7 +177,7 @@ def person_test(videos: Sequence[Judged]) -> dict[str, Any]:
         (``p_better``) and of "it errs more" (``p_worse``), and ``p_two_sided``; ``smallest_p``, the smallest one-tailed
         p value that so many people with a difference can give. ``difference_mm`` is the mean over people of proposed
         minus baseline, ``effect`` the matched-pairs rank-biserial correlation (1 if the proposed errs less for
-        everybody, -1 if more), each with a bootstrap interval over people, None with fewer than five. NaN is None.
+        all people, -1 if more), each with a bootstrap interval over people, None with fewer than five. NaN is None.
     """
     people = sorted({v.subject for v in videos})
     gains = [

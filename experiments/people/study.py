@@ -45,7 +45,7 @@ _WANTED_FROM_S, _SWITCHING_S = 2.0, 6.0
 
 
 class SecondLater:
-    """A policy that wants the first person, and from a time on the second.
+    """A policy that chooses the first person, and from a time on the second.
 
     Args:
         from_s: That time, seconds.

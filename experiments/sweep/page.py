@@ -36,7 +36,7 @@ def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, r
         result: What came of the run.
 
     Returns:
-        Labels, the value of everything that varies in any case (None where the case says nothing of it), all metrics,
+        Labels, the value of everything that varies in any case (None where the case does not state it), all metrics,
         and ``faults`` if exceptions were survived.
     """
     values = {**case.base, **point}

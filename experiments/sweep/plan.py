@@ -51,7 +51,7 @@ def read_walks(words: Sequence[str], reading: ReadOptions) -> tuple[tuple[Walk, 
 
     Args:
         words: As for `experiments.engine.command.find_recordings`.
-        reading: What the user says about the files.
+        reading: The user's options for reading the files.
 
     Returns:
         The walks, and what is wrong with the others, a line each.
@@ -144,7 +144,7 @@ class SweepPlan:
     """A checked sweep.
 
     Attributes:
-        spec: What the file says.
+        spec: The settings of the file.
         walks: The recordings.
         points: Points of each case by its name; empty for an optuna design, whose points depend on results.
     """

@@ -1,4 +1,4 @@
-"""How far a camera has turned between two of its pictures, and what its motion says about delay, lag and speeds.
+"""How far a camera has turned between two of its pictures, and delay, lag and speeds from its motion.
 
 Pictures are mapped to a cylinder about the axis, on which a rotation is a shift. Phase correlation finds the shift to
 a pixel, least squares on the grey values the rest. Of several shifts the one that suits half of the pixels counts: a

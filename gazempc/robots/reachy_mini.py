@@ -300,7 +300,7 @@ class ReachyMiniNeck:
                 if message is None:
                     return
                 self._sending_since_s = time.monotonic()
-            with suppress(Exception):  # the listening thread sees the loss, too, and tells
+            with suppress(Exception):  # the listening thread reports the loss
                 connection.send(message)
             with self._changed:
                 self._sending_since_s = None

@@ -58,7 +58,7 @@ class Studio:
         seed: Of the clutter.
 
     Raises:
-        RuntimeError: If nothing can be rendered here; says what to install.
+        RuntimeError: If nothing can be rendered here; the message names what to install.
     """
 
     def __init__(self, width: int = 640, height: int = 480, fov_deg: float = 60.0, seed: int = 0) -> None:

