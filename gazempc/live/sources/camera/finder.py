@@ -29,7 +29,7 @@ _NEW_SCORE, _SURE_SCORE, _KNOWN_SCORE = 0.4, 0.5, 0.35
 # Hair, necks and bald heads from behind score as high as faces, in up to three pictures of a video in a row, but their
 # mirror images do not: at this score 22 % of them pass, and 76 % of faces of 20 to 50 pixels (labelled pedestrians).
 _MIRRORED_SCORE = 0.4
-# A new face is handed on after so many pictures in a row, and so long. The shape of the key points separates them badly.
+# A new face is handed on after so many pictures in a row, and so long. Key points alone separate them badly.
 _CONFIRMED_BY, _CONFIRMED_S = 3, 0.2
 # A face that is followed is checked by its mirror image, too, where it is this unsure: the person may turn away.
 _UNSURE_SCORE, _UNSURE_MIRRORED_SCORE = 0.5, 0.3
