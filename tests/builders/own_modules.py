@@ -61,13 +61,6 @@ class LackingRobot:
 class RaisingRobot(Head):
     def __init__(self, port: str):
         raise OSError(f"no device at {port}")
-
-class WrongLater(Head):
-    reads = 0
-    def read_state(self):
-        self.reads += 1
-        state = super().read_state()
-        return state if self.reads < 300 else type(state)(state.time_s, np.zeros(3), np.zeros(3))
 '''
 SOURCE = '''
 import gazempc as gz
@@ -98,14 +91,6 @@ class Walker:
         return self.frame >= 120
 
     def close(self): ...
-
-class Failing(Walker):
-    polls = 0
-    def poll(self):
-        self.polls += 1
-        if 300 <= self.polls < 340:
-            raise ConnectionError("the tracker is gone")
-        return super().poll()
 '''
 _NUMBERS = itertools.count()
 

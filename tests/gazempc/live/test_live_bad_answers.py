@@ -17,6 +17,7 @@ from gazempc.loop.planner import BackgroundPlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.log_files import load_log
 from gazempc.types import JointState
+from predictors import ConstantVelocity
 
 
 class Source(Faulty):
@@ -97,6 +98,25 @@ def test_a_fault_of_the_program_keeps_a_log_that_loads(tmp_path, monkeypatch):
     log = ended.value.result.logs[0][0]
     log.save(tmp_path / "log.npz")
     assert load_log(tmp_path / "log.npz").time_s[-1] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_failure_before_the_first_tick_does_not_end_the_run():
+    """In the warm-up, which is no part of the log."""
+    failures = [KeyError("once"), KeyError("once")]
+
+    def plan(answer):
+        if len(failures) == 1:
+            raise failures.pop()
+        return answer
+
+    class FailsOnce(ConstantVelocity):
+        def update(self, observation):
+            if len(failures) == 2:
+                raise failures.pop()
+            super().update(observation)
+
+    result = run_live(duration_s=0.5, controller=Controller(plan), predictor=FailsOnce())
+    assert (failures, result.events) == ([], {"no_observation_yet"})
 
 
 BLOCKED_S = 0.4
