@@ -5,8 +5,7 @@ import pytest
 from skimage import data
 
 from gazempc.live.sources.camera.blazeface import BlazeFace, Face
-from gazempc.live.sources.camera.finder import FaceFinder, FaceSensor
-from gazempc.live.sources.camera.intrinsics import from_field_of_view
+from gazempc.live.sources.camera.finder import FaceFinder
 
 FRAME_S = 1 / 15
 PICTURE = np.zeros((480, 640, 3), np.uint8)
@@ -47,11 +46,15 @@ def names(found):
     return [person.person_id for person in found]
 
 
+def after(finder, pictures, start_s=0.0):
+    """Names in the last one of some pictures."""
+    return names([finder.see(PICTURE, start_s + k * FRAME_S) for k in range(pictures)][-1])
+
+
 @pytest.mark.parametrize("face", [(100, 100, 24), (320, 260, 300), (610, 450, 30)])
 def test_a_new_face_is_handed_on_within_half_a_second(faces, finder, face):
     faces.here = [face]
-    found = [finder.see(PICTURE, k * FRAME_S) for k in range(8)]
-    assert names(found[-1]) == ["1"]
+    assert after(finder, 8) == ["1"]
 
 
 @pytest.mark.parametrize(("rate_hz", "pictures"), [(15, 3), (5, 2), (60, 12)])
@@ -66,7 +69,7 @@ def test_what_is_no_face_in_the_mirror_is_no_face(faces, finder):
     faces.here, faces.mirrored_score = [(320, 240, 90)], 0.35
     assert all(finder.see(PICTURE, k * FRAME_S) == [] for k in range(30))
     faces.mirrored_score = 0.8
-    assert names([finder.see(PICTURE, 2.0 + k * FRAME_S) for k in range(8)][-1]) == ["1"]
+    assert after(finder, 8, 2.0) == ["1"]
     # A person who is followed turns away: the score stays, the mirror image is not a face any more.
     faces.score, faces.mirrored_score = 0.45, 0.32
     assert names(finder.see(PICTURE, 3.0)) == ["1"]
@@ -96,51 +99,26 @@ def test_two_people_who_pass_each_other_keep_their_names(faces, finder):
 
 
 def test_who_comes_back_soon_has_the_name_still_and_later_another(faces, finder):
-    def frames(count, start_s):
-        for k in range(count):
-            found = finder.see(PICTURE, start_s + k * FRAME_S)
-        return found
-
-    faces.here = [(300, 200, 40)]
-    assert names(frames(8, 0.0)) == ["1"]
-    faces.here = []
-    assert frames(8, 0.6) == []
-    faces.here = [(330, 200, 40)]
-    assert names(frames(3, 1.2)) == ["1"]
-    faces.here = []
-    frames(30, 2.0)
-    faces.here = [(330, 200, 40)]
-    assert names(frames(8, 5.0)) == ["2"]
-
-
-def test_the_sensor_observes_all_people_by_name(faces):
-    sensor = FaceSensor(faces, from_field_of_view(60, 640, 480))
-    faces.here = [(200, 200, 40), (450, 240, 80)]
-    far, near = sorted(
-        [sensor.see(PICTURE, k * FRAME_S) for k in range(8)][-1], key=lambda seen: -seen.head_position_base_m[0]
-    )
-    assert {far.person_id, near.person_id} == {"1", "2"}
-    assert far.capture_time_s == near.capture_time_s
-    assert far.head_position_base_m[1] > 0 > near.head_position_base_m[1]
-    assert far.head_position_base_m[0] == pytest.approx(2 * near.head_position_base_m[0], rel=0.05)
+    for here, pictures, start_s, found in (
+        ([(300, 200, 40)], 8, 0.0, ["1"]),
+        ([], 8, 0.6, []),
+        ([(330, 200, 40)], 3, 1.2, ["1"]),
+        ([], 30, 2.0, []),
+        ([(330, 200, 40)], 8, 5.0, ["2"]),
+    ):
+        faces.here = here
+        assert after(finder, pictures, start_s) == found
 
 
 # The portrait's pupils and the tip of the nose, by eye, pixels.
 RIGHT_EYE, LEFT_EYE, NOSE = (203, 101), (246, 103), (226, 127)
 
 
-@pytest.mark.parametrize(
-    ("corner", "side"),
-    [((0, 0), 512), ((-100, -150), 700), ((150, 30), 150)],
-    ids=["whole", "beyond the edges", "the face alone"],
-)
-def test_a_face_is_found_in_pixels_of_the_picture(corner, side):
-    found = BlazeFace().faces(data.astronaut(), corner, side, 0.5)
-    assert len(found) == 1
-    assert found[0].points_px[0] == pytest.approx(RIGHT_EYE, abs=0.025 * side)
-    assert found[0].points_px[1] == pytest.approx(LEFT_EYE, abs=0.025 * side)
-    assert found[0].points_px[2] == pytest.approx(NOSE, abs=0.035 * side)
-
-
-def test_no_face_is_found_where_none_is():
-    assert BlazeFace().faces(data.astronaut(), (0, 250), 256, 0.5) == []
+@pytest.mark.parametrize(("corner", "side"), [((0, 0), 512), ((-100, -150), 700), ((150, 30), 150)])
+def test_a_face_is_found_in_pixels_of_the_picture_also_beyond_its_edges_and_none_where_none_is(corner, side):
+    detector = BlazeFace()
+    (found,) = detector.faces(data.astronaut(), corner, side, 0.5)
+    assert found.points_px[0] == pytest.approx(RIGHT_EYE, abs=0.025 * side)
+    assert found.points_px[1] == pytest.approx(LEFT_EYE, abs=0.025 * side)
+    assert found.points_px[2] == pytest.approx(NOSE, abs=0.035 * side)
+    assert detector.faces(data.astronaut(), (0, 250), 256, 0.5) == []

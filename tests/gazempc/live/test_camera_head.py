@@ -60,24 +60,17 @@ def test_a_field_of_view_spans_the_picture():
 
 
 @pytest.mark.parametrize(
-    ("fields", "complaint"),
+    ("fields", "named"),
     [
         ({"camera": MATRIX}, "camera_matrix"),
         ({"K": MATRIX[:2]}, "3 x 3"),
         ({"K": -MATRIX}, "focal"),
         ({"K": MATRIX, "image_width": 1280, "image_height": 720}, "1280 x 720"),
-        (None, "no such file"),
-        ("{[", "YAML"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused(tmp_path, fields, complaint):
-    file = tmp_path / "c.yml"
-    if isinstance(fields, str):
-        file.write_text(fields)
-    elif fields is not None:
-        opencv_file(file, **fields)
-    with pytest.raises(SettingsError, match=complaint):
-        from_calibration(file, 640, 480)
+def test_a_file_that_cannot_be_used_is_refused(tmp_path, fields, named):
+    with pytest.raises(SettingsError, match=named):
+        from_calibration(opencv_file(tmp_path / "c.yml", **fields), 640, 480)
 
 
 # Right eye, left eye, nose, mouth, right ear, left ear: x to the front, y to the person's left, z up.
@@ -134,12 +127,10 @@ def test_errors_of_the_points_are_as_large_as_stated():
     """Monte Carlo: points with the stated error; errors of positions and yaws are as the covariance states, or less."""
     rng = np.random.default_rng(0)
     eyes_m, sd = np.array([2.5, -0.5, 0.2]), 0.002
-    bearings, yaws, stated_yaw = [], [], []
-    for _ in range(60):
-        head = head_from_points(seen(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd)
-        bearings.append(np.cross(head.position_m, eyes_m) / (eyes_m @ eyes_m))
-        yaws.append(facing_deg(head) - (180 + 15 + np.rad2deg(np.arctan2(eyes_m[1], eyes_m[0]))))
-        stated_yaw.append(np.rad2deg(head.yaw_sd_rad))
+    heads = [head_from_points(seen(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd) for _ in range(60)]
+    head, yaws = heads[-1], [facing_deg(each) for each in heads]
+    bearings = [np.cross(each.position_m, eyes_m) / (eyes_m @ eyes_m) for each in heads]
+    stated_yaw = [np.rad2deg(each.yaw_sd_rad) for each in heads]
     measured_rad = np.sqrt(np.mean(np.sum(np.square(bearings), axis=1)) / 2)
     stated_rad = np.sqrt(np.linalg.eigvalsh(head.covariance_m2)[0]) / np.linalg.norm(eyes_m)
     assert 0.3 * stated_rad < measured_rad < 1.1 * stated_rad  # stated are differences between faces, too
