@@ -1,18 +1,15 @@
 """Whatever a part returns or raises in a run: an event that names its class, a run that goes on, a log that loads."""
 
-import dataclasses
-import sys
 import threading
 import time
 
 import numpy as np
 import pytest
 from builders.checks import assert_sound, assert_within_limits
-from builders.faults import Controller, Predictor, nan_plan, wild_plan
-from builders.live import Faulty, run_live
+from builders.faults import Controller, between, wild_plan
+from builders.live import run_live
 
 from gazempc.live.clock import RealClock, SimulatedClock
-from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import BackgroundPlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.log_files import load_log
@@ -20,62 +17,22 @@ from gazempc.types import JointState
 from predictors import ConstantVelocity
 
 
-class Source(Faulty):
-    def __init__(self, clock, change):
-        super().__init__(clock)
-        self.poll_change = change
+def test_a_plan_out_of_range_and_joints_that_drift_off_are_named_and_the_run_goes_on(tmp_path):
+    """Every kind of `benchmarks.faults.wrongs` is tried in `test_live_own_parts`, also of these parts."""
+    clock, drifts_from_s = SimulatedClock(), 1.1
+    wild = between(0.6, drifts_from_s)
 
-    def poll(self):
-        return self.poll_change(super().poll())
+    def drifting(now_s, state):
+        off_rad = 0.5 * max(now_s - drifts_from_s, 0.0)
+        return JointState(state.time_s, state.position_rad + off_rad, state.velocity_rad_s)
 
-
-# Every kind of `benchmarks.faults.wrongs` is tried in `test_live_own_parts`; these are of one event each.
-INSTEAD = {
-    "controller_failed": ("Controller.plan()", lambda plan: sys.exit("leaving")),
-    "plan_not_finite": ("Controller.plan()", nan_plan),
-    "plan_out_of_range": ("Controller.plan()", wild_plan),
-    "forecast_failed": ("Predictor.forecast()", lambda f: dataclasses.replace(f, means_base_m=f.means_base_m * np.nan)),
-    "source_failed": ("Source.poll()", lambda a: Arrived(None)),
-    "robot_not_answering": ("Spied", lambda s: JointState(s.time_s, np.array(["a", "b"]), s.velocity_rad_s)),
-    "joint_reading_refused": ("Spied", lambda s: JointState(s.time_s, s.position_rad, s.velocity_rad_s + 1e9)),
-    "joint_off_command": (
-        "Spied",
-        lambda s: JointState(s.time_s, s.position_rad + 0.5 * (s.time_s - DRIFTS_FROM_S), s.velocity_rad_s),
-    ),
-}
-FROM_S, EACH_S = 0.6, 0.5
-DRIFTS_FROM_S = FROM_S + EACH_S * (len(INSTEAD) - 1)
-
-
-def test_what_a_part_answers_is_refused_by_name_and_the_run_goes_on(tmp_path):
-    """Half a second of each, one after the other, and more than a second of the drift of the joints."""
-    clock = SimulatedClock()
-
-    def change(part):
-        def changed(answer):
-            if clock.now_s() < FROM_S:
-                return answer
-            kind = min(int((clock.now_s() - FROM_S) / EACH_S), len(INSTEAD) - 1)
-            named, instead = list(INSTEAD.values())[kind]
-            return instead(answer) if named.startswith(part) else answer
-
-        return changed
-
-    robot = change("Spied")
-    result = run_live(
-        clock=clock,
-        duration_s=DRIFTS_FROM_S + 1.2,
-        controller=Controller(change("Controller")),
-        predictor=Predictor(change("Predictor")),
-        source=Source(clock, change("Source")),
-        on_read=lambda now_s, state: robot(state),
-    )
+    controller = Controller(lambda plan: wild_plan(plan) if wild(clock.now_s()) else plan)
+    result = run_live(clock=clock, duration_s=drifts_from_s + 1.2, controller=controller, on_read=drifting)
     assert_sound(result)
-    assert result.report.stopped_by == "duration"
     log = result.logs[0][0]
     faults = {fault.event: fault for fault in log.faults}
-    assert set(faults) == set(INSTEAD)
-    for event, (named, _) in INSTEAD.items():
+    assert set(faults) == {"plan_out_of_range", "joint_off_command"}
+    for event, named in (("plan_out_of_range", "Controller.plan()"), ("joint_off_command", "Spied")):
         assert named in faults[event].error
         assert faults[event].count > 3
     log.save(tmp_path / "log.npz")

@@ -24,7 +24,6 @@ from gazempc.live.sources.source import SourceError
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.neck.spec import load_neck
 from gazempc.results.motion import limit_violations
-from gazempc.sim.simulated import SimulatedNeck
 
 START_RAD = np.array([0.5, -0.1])
 
@@ -70,26 +69,19 @@ def test_a_neck_that_stands_outside_its_range_is_not_moved():
 REGION_DEG = (30.0, 60.0, -10.0, 20.0)
 
 
-@pytest.mark.parametrize("shipped", [True, False])
-def test_a_start_outside_the_gaze_region_is_refused_but_of_a_simulated_robot_that_is_placed_inside(shipped):
-    """The recording begins at pan -18; a robot by name is simulated within the region, another one stands anywhere."""
+def test_a_start_outside_the_gaze_region_is_refused_but_a_simulated_robot_is_placed_inside():
     words = ["--source", "replay", "--simulated-clock", "--controller", "lookahead", "--predictor", "constant_velocity"]
     setup = build(parse([*words, "--robot", "simulated", "--loop.gaze-region-deg", *map(str, REGION_DEG)]))
-    inner = setup.robot if shipped else SimulatedNeck(NECK, np.zeros(2), setup.clock.now_s)
-    robot, logs = Spied(inner, setup.clock), []
-    run = LiveRun(dataclasses.replace(setup, robot=robot), lambda log, _: logs.append(log))
-    if not shipped:
-        with pytest.raises(RobotError, match="gaze_region_deg"):
-            run.run(threading.Event(), 1.0)
-        assert robot.received == []
-        assert robot.calls == ["connect", "close"]
-        return
-    run.run(threading.Event(), 1.0)
-    (log,) = logs
-    pan_deg, tilt_deg = np.rad2deg(log.command_position_rad).T
+    with pytest.raises(RobotError, match="gaze_region_deg") as raised:
+        run_live(neck=setup.neck, start_rad=np.zeros(2))
+    robot = raised.value.result.robot
+    assert (robot.received, robot.calls) == ([], ["connect", "close"])
+    logs = []
+    LiveRun(setup, lambda log, _: logs.append(log)).run(threading.Event(), 1.0)
+    pan_deg, tilt_deg = np.rad2deg(logs[0].command_position_rad).T
     assert pan_deg.min() >= REGION_DEG[0]
     assert tilt_deg.max() <= REGION_DEG[3]
-    assert limit_violations(log, setup.neck) == 0
+    assert limit_violations(logs[0], setup.neck) == 0
 
 
 @pytest.mark.parametrize(("region_deg", "accepted"), [(REGION_DEG, False), ((-20.0, 20.0, -10.0, 20.0), True)])

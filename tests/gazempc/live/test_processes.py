@@ -30,25 +30,18 @@ def may():
 
 @pytest.mark.skipif(not may(), reason="real-time priorities are not allowed to this user (limit rtprio)")
 def test_the_thread_that_sends_commands_goes_first_and_all_is_as_before_afterwards():
-    ended, found = threading.Event(), {}
+    ended, found = threading.Event(), []
     other = threading.Thread(target=ended.wait)
     other.start()
     with real_time_priority():
-        found |= {"servo": policy(0), "other": policy(other.native_id)}
-        later = threading.Thread(target=lambda: found.update(later=policy(0)))
+        found += [policy(0), policy(other.native_id)]
+        later = threading.Thread(target=lambda: found.append(policy(0)))
         later.start()
         later.join()
-    found |= {"servo after": policy(0), "other after": policy(other.native_id)}
+    found += [policy(0), policy(other.native_id)]
     ended.set()
     other.join()
-    usual = (os.SCHED_OTHER, 0)
-    assert found == {
-        "servo": (os.SCHED_RR, 20),
-        "other": (os.SCHED_RR, 10),
-        "later": usual,
-        "servo after": usual,
-        "other after": usual,
-    }
+    assert found == [(os.SCHED_RR, 20), (os.SCHED_RR, 10), *[(os.SCHED_OTHER, 0)] * 3]
 
 
 def seen(time_s):

@@ -96,13 +96,13 @@ def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(tmp_path
         feed.take(EventMoment(0.0, "event", ""))
         time.sleep(1.0)  # sent by now
         os.kill(feed.process.pid, signal.SIGSTOP)
-        for k in range(1, 30_000):
+        for k in range(1, 16_000):
             feed.take(CutMoment() if k == 1 else EventMoment(float(k), "event", ""))
-        assert feed.lost > 5_000
+        assert feed.lost > 3_000
         os.kill(feed.process.pid, signal.SIGCONT)
     events = [decoded(tmp_path / f"log_00{k}.mcap", "/events") for k in range(2)]
-    assert events[1][-1][0] == 29_999 * 10**9
-    assert sum(map(len, events)) + feed.lost == 29_999
+    assert events[1][-1][0] == 15_999 * 10**9
+    assert sum(map(len, events)) + feed.lost == 15_999
     assert "moments did not reach viewers" in feed.problems[0]
 
 
