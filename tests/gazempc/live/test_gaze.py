@@ -4,11 +4,13 @@ import math
 import threading
 import time
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from builders.checks import assert_within_limits
 from builders.live import NECK
+from builders.robots import Spied
 from builders.waiting import FOREVER_S, wait_for
 
 import gazempc as gz
@@ -18,28 +20,25 @@ from gazempc.results.moments import TickMoment
 from gazempc.results.motion import limit_violations
 from gazempc.sim.simulated import SimulatedNeck
 
+START_RAD = np.radians([5.0, 2.0])
 
-class Robot(SimulatedNeck):
+
+class Robot(Spied):
     """A simulated neck on the computer's clock, as a user's own robot is; keeps what it is sent."""
 
     name = "spied"
 
     def __init__(self):
-        super().__init__(NECK, np.radians([5.0, 2.0]), time.monotonic)
-        self.calls, self.received, self.threads = [], [], set()
+        self.threads = set()
+        clock = SimpleNamespace(now_s=time.monotonic)
+        super().__init__(SimulatedNeck(NECK, START_RAD, time.monotonic), clock, on_send=self.note_thread)
 
-    def connect(self):
-        self.calls.append("connect")
-        super().connect()
-
-    def send_command(self, position_rad):
-        self.received.append(position_rad.copy())
+    def note_thread(self, _):
         self.threads.add(threading.current_thread().name)
-        return super().send_command(position_rad)
 
-    def close(self):
-        self.calls.append("close")
-        super().close()
+    @property
+    def sent(self):
+        return [position_rad for _, position_rad in self.received]
 
 
 def gaze(robot, **settings):
@@ -55,14 +54,14 @@ def see_for(opened, seconds, stamp=time.time):
 
 
 def moves(robot):
-    return len(robot.received) > 1 and np.abs(np.diff(robot.received[-2:], axis=0)).max() > 1e-4
+    return len(robot.sent) > 1 and np.abs(np.diff(robot.sent[-2:], axis=0)).max() > 1e-4
 
 
 def assert_braked_and_closed(robot):
     """Every command within limits, the last one at rest, the robot closed once."""
     assert robot.calls == ["connect", "close"]
-    sent = np.array(robot.received)
-    assert_within_limits(sent, np.radians([5.0, 2.0]), ends=True)
+    sent = np.array(robot.sent)
+    assert_within_limits(sent, START_RAD, ends=True)
     return sent
 
 
@@ -74,7 +73,7 @@ def test_it_looks_at_the_person_that_is_seen_and_whatever_ends_the_block_the_nec
             wait_for(lambda: len(robot.received) > 20)
             logs.append(opened.log())
             wait_for(
-                lambda: np.ptp(robot.received, axis=0).max() > 0.2, step=lambda: see_for(opened, 0.2, time.monotonic)
+                lambda: np.ptp(robot.sent, axis=0).max() > 0.2, step=lambda: see_for(opened, 0.2, time.monotonic)
             )
             wait_for(lambda: moves(robot), step=lambda: see_for(opened, 0.2, time.monotonic))
             logs.append(opened)

@@ -131,15 +131,17 @@ def test_of_lines_that_come_at_once_the_newest_are_read_and_the_others_counted()
 ONE, OTHER = ("10.0.0.7", 4000), ("10.0.0.9", 4000)
 
 
-def test_a_stream_belongs_to_who_sent_the_first_observation():
+@pytest.mark.parametrize(("allowed", "used", "stranger"), [([], [0, 3], OTHER), (["10.0.0.8/31"], [1, 4], ONE)])
+def test_a_stream_belongs_to_who_sent_the_first_observation_of_those_that_are_allowed(allowed, used, stranger):
     """Rubbish takes it from no sender, and neither does the same computer from another port."""
-    again = (ONE[0], 4001)
-    sent = [(b"rubbish\n", OTHER), (line(0), ONE), (line(1), OTHER), (line(2), again), (line(3), ONE)]
-    found = read([Chunk(*each) for each in sent])
-    assert numbers(found.sightings) == [0, 3]
+    one_again, other_again = (ONE[0], 4001), (OTHER[0], 4001)
+    senders = [OTHER, ONE, OTHER, one_again, ONE, OTHER, other_again]
+    texts = [b"rubbish\n", *map(line, range(6))]
+    found = read([Chunk(*each) for each in zip(texts, senders, strict=True)], senders=Senders(allowed))
+    assert numbers(found.sightings) == used
     (notice,) = found.notices
-    assert (notice.event, notice.count) == (Event.SENDER_REFUSED, 2)
-    assert "10.0.0.9:4000" in notice.text
+    assert (notice.event, notice.count) == (Event.SENDER_REFUSED, 4)
+    assert f"{stranger[0]}:{stranger[1]}" in notice.text
 
 
 def test_a_silent_sender_keeps_its_place_for_ten_minutes_and_one_whose_port_is_closed_loses_it():
@@ -154,14 +156,6 @@ def test_a_silent_sender_keeps_its_place_for_ten_minutes_and_one_whose_port_is_c
     assert senders.refusal(OTHER, 20.0)
     senders.closed(ONE)
     assert senders.refusal(OTHER, 20.0) == ""
-
-
-def test_only_an_allowed_sender_is_read_and_only_one_of_them():
-    other_port = (OTHER[0], 4001)
-    sent = [(line(0), ONE), (line(1), OTHER), (line(2), other_port), (line(3), OTHER)]
-    found = read([Chunk(*each) for each in sent], senders=Senders(["10.0.0.8/31"]))
-    assert numbers(found.sightings) == [1, 3]
-    assert "10.0.0.7:4000" in found.notices[0].text
     with pytest.raises(SourceError, match="--allow nobody"):
         Senders(["nobody"])
 
