@@ -72,9 +72,7 @@ def test_it_looks_at_the_person_that_is_seen_and_whatever_ends_the_block_the_nec
         with gaze(robot, clock="monotonic") as opened:
             wait_for(lambda: len(robot.received) > 20)
             logs.append(opened.log())
-            wait_for(
-                lambda: np.ptp(robot.sent, axis=0).max() > 0.2, step=lambda: see_for(opened, 0.2, time.monotonic)
-            )
+            wait_for(lambda: np.ptp(robot.sent, axis=0).max() > 0.2, step=lambda: see_for(opened, 0.2, time.monotonic))
             wait_for(lambda: moves(robot), step=lambda: see_for(opened, 0.2, time.monotonic))
             logs.append(opened)
             raise SystemExit("the tracker's")
