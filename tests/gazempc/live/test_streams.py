@@ -223,10 +223,7 @@ def test_who_listens_beyond_the_loopback_is_warned_of_the_risk(host, allowed, wa
 
 
 def serve(port):
-    server = socket.socket()
-    server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    server.bind(("127.0.0.1", port))
-    server.listen()
+    server = socket.create_server(("127.0.0.1", port))
     server.settimeout(FOREVER_S)
     return server
 
