@@ -22,18 +22,13 @@ def own(tmp_path_factory):
         yield write_own_parts(folder)
 
 
-def run(tmp_path, *words, source="replay"):
-    arguments = ["--source", source, *QUICK, "--out", str(tmp_path), *words]
-    assert main(arguments) == 0
-    return json.loads((tmp_path / "summary.json").read_text()), load_log(tmp_path / "log_000.npz")
-
-
 @pytest.mark.slow
 def test_all_parts_may_be_one_s_own_and_have_options(own, tmp_path, capsys):
     parts = ["--robot", f"{own}:Head", "--predictor", f"{own}:Standing", "--controller", f"{own}:Eager"]
     options = ["--options.zero_deg", "[1.5, -2]", "--options.gain=0.5", "--options.predictor.noise_m", "0.02"]
     options += ["--options.speed_m_s", "0.25", "--options.dynamixel.port", "/dev/null"]
-    summary, log = run(tmp_path, *parts, *options, source=f"{own}:Walker")
+    assert main(["--source", f"{own}:Walker", *QUICK, "--out", str(tmp_path), *parts, *options]) == 0
+    summary, log = json.loads((tmp_path / "summary.json").read_text()), load_log(tmp_path / "log_000.npz")
     assert summary["stopped_by"] == "end of the source"
     assert summary["observations"] == 120
     assert summary["limit_violations"] == 0

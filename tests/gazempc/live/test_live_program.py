@@ -210,6 +210,7 @@ def test_a_live_run_on_a_bag_has_the_delays_of_the_recording_and_writes_logs_tha
         ("--source replay --stamps.unit ms", ["--stamps", "stdin, udp, tcp, ros2"]),
         ("--source stdin --camera.fov-deg 60", ["--camera", "--source camera"]),
         ("--source udp:5005 --robot dynamixel", ["--neck"]),
+        ("--source udp:5005 --mount.on eye", ["--mount.on eye"]),
         ("--source bag:nowhere", ["nowhere"]),
         ("--source bag:nowhere --sensor reference", ["--sensor", "--source replay"]),
     ],

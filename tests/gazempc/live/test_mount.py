@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import SettingsError
 from gazempc.live.arrivals import Arrivals
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.logs import LiveReport
@@ -83,12 +82,6 @@ def test_a_sensor_is_fixed_to_the_base_or_moves_with_the_whole_chain(moves, posi
         in_sensor = np.linalg.inv(sensor_in_base(mount, GEOMETRY, angles_rad)) @ [*fixed_m, 1.0]
         found = mount.to_base(seen(in_sensor[:3]), GEOMETRY, angles_rad)
         np.testing.assert_allclose(found.head_position_base_m, fixed_m, atol=1e-11)
-
-
-def test_a_neck_without_eyes_has_no_sensor_in_them():
-    with pytest.raises(SettingsError, match=r"--mount\.on eye"):
-        Mount(on="eye").check_fits(load_neck("reference"))
-    Mount(on="eye").check_fits(load_neck("reference_eyes"))
 
 
 def test_the_history_of_the_joints_is_interpolated():

@@ -31,17 +31,22 @@ def names(found):
     return [each.person_id for each in found]
 
 
-def test_each_person_in_tf_is_seen_with_their_id(stage):
+def test_each_person_in_tf_is_seen_with_their_id_and_what_cannot_be_used_is_a_problem(stage):
     source = opened(stage)
     stage.tf(
         transform("face_a1b2c", [1.0, 0.2, 0.1]),
         transform("gaze_a1b2c", [0.0, 0.0, 0.0], frame_id="face_a1b2c"),
         transform("head_link", [0.0, 0.0, 0.5], frame_id="torso"),
         transform("face_zzzzz", [2.0, -0.2, 0.3]),
+        transform("face_a", [np.nan, 0.0, 0.0]),
+        transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0),
+        transform("face_c", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)),
+        transform("face_d", [1.0, 1e300, 0.0]),
     )
-    seen, _ = polled(source, 2)
+    seen, problems = polled(source, 6)
     assert names(seen) == ["a1b2c", "zzzzz"]
     np.testing.assert_allclose(seen[1].head_position_base_m, [2.0, -0.2, 0.3])
+    assert sorted(text.split(":")[0] for text in problems) == [f"/tf, face_{name}" for name in "abcd"]
 
 
 def test_a_camera_on_a_head_that_turns(stage):
@@ -107,18 +112,6 @@ def test_a_body_counts_where_there_is_no_face(stage):
     stage.now_s += 0.6
     stage.tf(transform("body_b", hips_m, body, at_s=NOW_S + 0.5))
     assert names(polled(source, 1)[0]) == ["b"]
-
-
-def test_what_cannot_be_used_is_a_problem_that_names_the_frame(stage):
-    source = opened(stage)
-    stage.tf(
-        transform("face_a", [np.nan, 0.0, 0.0]),
-        transform("face_b", [1.0, 0.0, 0.0], at_s=NOW_S - 60.0),
-        transform("face_c", [1.0, 0.0, 0.0], (0.0, 0.0, 0.0, 0.0)),
-        transform("face_d", [1.0, 1e300, 0.0]),
-    )
-    _, problems = polled(source, 4)
-    assert sorted(text.split(":")[0] for text in problems) == [f"/tf, face_{name}" for name in "abcd"]
 
 
 def test_a_missing_sender_is_noticed_once_and_again_when_the_sender_has_gone(stage):
