@@ -194,16 +194,8 @@ def test_a_file_that_cannot_be_used_is_refused(tmp_path, fields, named):
 
 
 # Right eye, left eye, nose, mouth, right ear, left ear: x to the front, y to the person's left, z up.
-FACE_M = np.array(
-    [
-        [0, -0.0315, 0],
-        [0, 0.0315, 0],
-        [0.022, 0, -0.036],
-        [0.004, 0, -0.070],
-        [-0.085, -0.070, -0.022],
-        [-0.085, 0.070, -0.022],
-    ]
-)
+LEFT_M, EAR_M, RIGHT = np.array([0, 0.0315, 0]), np.array([-0.085, 0.070, -0.022]), np.array([1, -1, 1])
+FACE_M = np.array([LEFT_M * RIGHT, LEFT_M, [0.022, 0, -0.036], [0.004, 0, -0.070], EAR_M * RIGHT, EAR_M])
 
 
 def seen(eyes_m, yaw_deg, roll_deg=0.0, scale=1.0):

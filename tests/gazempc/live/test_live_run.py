@@ -19,7 +19,6 @@ from gazempc.neck.kinematics import look_at_rad
 from gazempc.settings import LoopSettings
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
-from gazempc.sim.simulated import SimulatedNeck
 
 
 def test_on_a_simulated_clock_a_live_run_is_the_replay():
@@ -155,16 +154,12 @@ def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
     clock = Jumping([(from_s, jump_s)] if where == "asleep" else [])
     blocked_s = [jump_s] if where == "at work" else []
 
-    class HeldUp(SimulatedNeck):
-        """A neck whose port is blocked once for some time, after a command has gone out."""
+    def on_send(now_s):
+        """The port is blocked once for some time."""
+        if blocked_s and now_s >= from_s - 1e-9:
+            clock.sleep_until_s(now_s + blocked_s.pop())
 
-        def send_command(self, position_rad):
-            sent = super().send_command(position_rad)
-            if blocked_s and clock.now_s() >= from_s - 1e-9:
-                clock.sleep_until_s(clock.now_s() + blocked_s.pop())
-            return sent
-
-    result = run_live(clock=clock, robot_class=HeldUp, duration_s=4.0 + jump_s)
+    result = run_live(clock=clock, on_send=on_send, duration_s=4.0 + jump_s)
     assert_sound(result)
     n = int(jump_s / TS + 1e-6)
     # A tick more may be done than there is time for, at the same instant.
