@@ -113,9 +113,7 @@ class Slow(ConstantVelocity):
     """Each update takes its time."""
 
     def update(self, observation):
-        until_s = time.perf_counter() + 0.003
-        while time.perf_counter() < until_s:
-            pass
+        time.sleep(0.003)
         super().update(observation)
 
 

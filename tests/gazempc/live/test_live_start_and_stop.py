@@ -1,6 +1,5 @@
 """Start and end: nothing jumps, the neck is braked within its limits, and everything is closed."""
 
-import dataclasses
 import signal
 import subprocess
 import sys
@@ -54,28 +53,17 @@ def test_told_to_stop_before_it_began_the_neck_does_not_jump():
     assert result.robot.calls[-1] == result.source.calls[-1] == "close"
 
 
-def test_a_neck_that_stands_outside_its_range_is_not_moved():
-    outside = np.radians([120.0, 0.0])
-
-    def on_read(now_s, state):
-        return dataclasses.replace(state, position_rad=outside)
-
-    commands = []
-    with pytest.raises(RobotError, match=r"pan 120\.0, tilt 0\.0 deg, outside its range"):
-        run_live(on_read=on_read, on_send=commands.append)
-    assert commands == []
-
-
 REGION_DEG = (30.0, 60.0, -10.0, 20.0)
 
 
-def test_a_start_outside_the_gaze_region_is_refused_but_a_simulated_robot_is_placed_inside():
+def test_a_start_outside_range_or_gaze_region_is_refused_but_a_simulated_robot_is_placed_inside():
     words = ["--source", "replay", "--simulated-clock", "--controller", "lookahead", "--predictor", "constant_velocity"]
     setup = build(parse([*words, "--robot", "simulated", "--loop.gaze-region-deg", *map(str, REGION_DEG)]))
-    with pytest.raises(RobotError, match="gaze_region_deg") as raised:
-        run_live(neck=setup.neck, start_rad=np.zeros(2))
-    robot = raised.value.result.robot
-    assert (robot.received, robot.calls) == ([], ["connect", "close"])
+    for neck, pan_deg, named in ((NECK, 120.0, r"pan 120\.0, tilt 0\.0 deg"), (setup.neck, 0.0, "gaze_region_deg")):
+        with pytest.raises(RobotError, match=named) as raised:
+            run_live(neck=neck, start_rad=np.radians([pan_deg, 0.0]))
+        robot = raised.value.result.robot
+        assert (robot.received, robot.calls) == ([], ["connect", "close"])
     logs = []
     LiveRun(setup, lambda log, _: logs.append(log)).run(threading.Event(), 1.0)
     pan_deg, tilt_deg = np.rad2deg(logs[0].command_position_rad).T
