@@ -146,11 +146,11 @@ def opened_cues(stage, to_base=lambda place_m: place_m, **options):
     return stage.listening(Ros2Cues(stage.clock_s, stage.to_loop_s, Ros2Options(**options), to_base, stage.make_node))
 
 
-def stamped_point(frame_id, place_m):
-    return make_message(POINT, header=header(frame_id, None), point=point(place_m))
+def stamped_point(frame_id, place_m, at_s=None):
+    return make_message(POINT, header=header(frame_id, at_s), point=point(place_m))
 
 
-def test_a_point_is_glanced_at_by_the_newest_place_of_its_frame_waited_for_and_then_a_problem(stage):
+def test_a_point_is_glanced_at_by_its_frame_at_its_stamp_or_now_waited_for_and_then_a_problem(stage):
     source = opened_cues(stage, point_topic="pointing", base_frame="base_link", point_lasts_s=1.5)
     stage.put("/pointing", POINT, stamped_point("base_link", [np.nan, 0, 0]))
     _, (problem,) = polled(source, 1)
@@ -161,6 +161,9 @@ def test_a_point_is_glanced_at_by_the_newest_place_of_its_frame_waited_for_and_t
         stage.tf(transform("cup", [0, y_m, 0], frame_id="base_link", at_s=at_s))
     (glance,), _ = polled(source, 1)
     assert (type(glance), glance.lasts_s, glance.target_base_m.tolist()) == (Glance, 1.5, [1, 1, 0])
+    stage.put("/pointing", POINT, stamped_point("cup", [1, 0, 0], NOW_S - 0.15))
+    (glance,), _ = polled(source, 1)
+    np.testing.assert_allclose(glance.target_base_m, [1, 3, 0], atol=1e-5)
     stage.put("/pointing", POINT, stamped_point("bottle", [1, 0, 0]))
     polled(source, 0)
     stage.now_s += 0.25
@@ -222,4 +225,6 @@ def test_a_gaze_from_python_hears_them_too(stage):
 
     run.run(threading.Event(), 0.3, heard)
     assert run.logs.events["bad_observation"] == 1
+    (sound,) = setup.several.several.attention._sounds
+    assert math.degrees(sound.azimuth_rad) == pytest.approx(20)
     assert "/heard" in run.report.problems[0]
