@@ -88,6 +88,9 @@ def warm_up(predictor: Predictor, controller: Controller, neck: NeckSpec) -> Non
         check_predictor(predictor)
     with contextlib.suppress(SettingsError):
         check_controller(controller, neck)
+    for part in (predictor, controller):  # one that failed has not been reset
+        with contextlib.suppress(PartError), boundary(part, "reset"):
+            part.reset()
     for axis in neck.axes:
         observer_gain(axis, neck.servo_period_s)
 

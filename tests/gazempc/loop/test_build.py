@@ -5,11 +5,13 @@ import pytest
 from builders.own_modules import write_own_parts
 
 import gazempc as gz
+from gazempc.controllers.lookahead import LookAhead
 from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_controller, make_predictor
-from gazempc.loop.trial import check_controller, check_predictor
+from gazempc.loop.trial import check_controller, check_predictor, warm_up
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.settings import ConstantVelocitySettings, GazeSettings
+from predictors import ConstantVelocity, NotReadyError
 
 NECK = gz.load_neck("reference")
 SETTINGS = GazeSettings()
@@ -162,3 +164,14 @@ def test_a_fault_of_a_controller_is_named(method, result, said):
     setattr(Wrong, method, lambda self, *arguments: result)
     with pytest.raises(SettingsError, match=said):
         check_controller(Wrong(NECK), NECK)
+
+
+def test_a_part_that_fails_during_the_warm_up_begins_the_run_without_its_trial():
+    class Fails(ConstantVelocity):
+        def forecast(self, times_s):
+            raise RuntimeError("not yet")
+
+    predictor = Fails()
+    warm_up(predictor, LookAhead(NECK), NECK)
+    with pytest.raises(NotReadyError):
+        ConstantVelocity.forecast(predictor, [0.0])
