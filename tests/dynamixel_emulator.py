@@ -6,7 +6,7 @@ import struct
 import threading
 import tty
 
-PING, READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x82, 0x83
+PING, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x55, 0x82, 0x83
 BROADCAST = 0xFE
 HEADER = b"\xff\xff\xfd\x00"
 
@@ -69,11 +69,11 @@ def take_packet(buffer):
 class Motor:
     """A control table and a joint that goes half of the way to its goal at every new goal."""
 
-    def __init__(self, position, mode=3, model=1020):
+    def __init__(self, position, mode=3):
         self.table = bytearray(256)
         self.history = []
         self.answers = True
-        for name, value in {"model": model, "mode": mode, "max_position": 4095, "status_return_level": 2}.items():
+        for name, value in {"model": 1020, "mode": mode, "max_position": 4095}.items():
             self.set(name, value)
         self.restart(position)
 
@@ -88,7 +88,6 @@ class Motor:
     def restart(self, position):
         """Power on: RAM as from the factory, torque off, joint where gravity left it."""
         self.table[EEPROM_END:] = bytes(256 - EEPROM_END)
-        self.set("status_return_level", 2)
         self.set("profile_velocity", 77)
         self.set("goal", 0)
         self.set("position", position)
@@ -189,22 +188,14 @@ class Bus:
             return i, packet(i, STATUS, bytes([error | alert]) + data)
 
         on_line = {i: motor for i, motor in self.motors.items() if motor.answers}
-        if instruction in (PING, READ, WRITE) and motor_id in on_line:
-            motor = on_line[motor_id]
-            if instruction == PING:
-                yield status(motor_id, 0, motor.table[0:2] + b"\x2e")
-            elif instruction == READ and motor.get("status_return_level") >= 1:
-                yield status(motor_id, *motor.read(*struct.unpack("<HH", parameters)))
-            elif instruction == WRITE:
-                error = motor.write(struct.unpack_from("<H", parameters)[0], parameters[2:])
-                if motor.get("status_return_level") == 2:
-                    yield status(motor_id, error)
+        if instruction == PING and motor_id in on_line:
+            yield status(motor_id, 0, on_line[motor_id].table[0:2] + b"\x2e")
         elif instruction in (SYNC_READ, SYNC_WRITE) and motor_id == BROADCAST:
             address, size = struct.unpack_from("<HH", parameters)
             rest = parameters[4:]
             if instruction == SYNC_READ:
                 for i in rest:
-                    if i in on_line and on_line[i].get("status_return_level") >= 1:
+                    if i in on_line:
                         yield status(i, *on_line[i].read(address, size))
             else:
                 for k in range(0, len(rest), size + 1):

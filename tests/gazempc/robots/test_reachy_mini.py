@@ -71,12 +71,6 @@ def make(server):
         neck.close()
 
 
-@pytest.fixture
-def patient(monkeypatch):
-    """A busy machine may pause for longer than a daemon may be silent."""
-    monkeypatch.setattr("gazempc.robots.reachy_mini._SILENCE_S", 60.0)
-
-
 def pose(pan_deg, tilt_deg, roll_deg=0.0, at_m=(0.0, 0.0, 0.0)):
     """A head_pose message made by scipy; the daemon's pitch is positive down."""
     matrix = np.eye(4)
@@ -204,7 +198,7 @@ def test_velocity_and_time_are_those_of_a_turning_head(server, make):
 NO_POSES = ([1.0, 1.0, 1.0], [math.nan] * 4, [1.0, 1.0, -1.0, 1.0], [2.0, 2.0, 2.0, 1.0])
 
 
-def test_unreadable_messages_are_passed_over(server, make, patient):
+def test_unreadable_messages_are_passed_over(server, make):
     server.extra = ["", "{", "[1]", '"x"', "null", b"\xff\x00", '{"type": "new"}', '{"type": "head_pose"}',
                     '{"type": "head_pose", "head_pose": "left"}', '{"type": "head_pose", "head_pose": [[1, 2], [3]]}',
                     *(json.dumps({"type": "head_pose", "head_pose": np.diag(each).tolist()}) for each in NO_POSES),
@@ -217,7 +211,6 @@ def test_unreadable_messages_are_passed_over(server, make, patient):
         np.testing.assert_allclose(np.rad2deg(state.position_rad), [12, -7], atol=1e-9)
     neck.send_command(np.array([0.1, 0.0]))
     assert len(server.commands()) == 1
-    assert server.handshakes == 1
 
 
 # ---------------------------------------------------------------- faults
@@ -268,7 +261,7 @@ def test_silence_is_no_reading_then_an_error_and_it_comes_back(server, make):
 
 
 @pytest.mark.slow
-def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, monkeypatch, patient):
+def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, monkeypatch):
     opened = socket.create_connection
 
     def with_small_buffer(*args, **options):
@@ -288,7 +281,7 @@ def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make, mon
         longest_s = max(longest_s, time.monotonic() - began_s)
         return message
 
-    assert "takes no commands" in wait_for(refused)
+    assert f"ws://127.0.0.1:{server.port}" in wait_for(refused)
     # A send that waits would wait for ever.
     assert longest_s < 20.0
     began_s = time.monotonic()

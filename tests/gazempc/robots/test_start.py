@@ -5,8 +5,7 @@ import pytest
 from builders.live import NECK
 
 from gazempc.errors import RobotError
-from gazempc.robots.robot import way_in_rad, wrong_reading
-from gazempc.types import JointState
+from gazempc.robots.robot import way_in_rad
 
 
 def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly():
@@ -23,15 +22,3 @@ def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly():
     assert way_in_rad(neck, np.zeros(2)).shape == (0, 2)
     with pytest.raises(RobotError, match="outside its range"):
         way_in_rad(neck, np.radians([85.0, 0.0]))
-
-
-@pytest.mark.parametrize(
-    ("state", "named"),
-    [
-        ((0.0, [0.1, 0.2]), "tuple"),
-        (JointState(0.0, [0.1, 0.2], np.zeros(2)), "position_rad"),
-        (JointState(0.0, np.zeros(2), None), "velocity_rad_s"),
-    ],
-)
-def test_a_wrong_reading_is_named(state, named):
-    assert named in wrong_reading(state, NECK)
