@@ -176,12 +176,12 @@ LANDMARKS |= {"RIGHT_EAR": (8, "head", [0.0, -0.07, 0.0]), "LEFT_HIP": (23, "pel
 LANDMARKS |= {"RIGHT_HIP": (24, "pelvis", [0.0, -0.12, 0.0])}
 
 
-def mediapipe(path, names="{name}_{axis}", in_image=False):
+def mediapipe(path, names="{name}_{axis}"):
     """World landmarks: metres from the middle of the hips, x right, y down, z away from the camera."""
     header, columns = ["timestamp_ms"], [1000.0 * Walk.times_s[:, None]]
     for name, (number, part, offset) in LANDMARKS.items():
         header += [names.format(name=name, number=number, axis=axis) for axis in "xyz"]
-        columns.append(in_axes("optical", Walk.point_m(part, offset) - Walk.pelvis_m) + (0.5 if in_image else 0.0))
+        columns.append(in_axes("optical", Walk.point_m(part, offset) - Walk.pelvis_m))
     return _write(path, [header, *(numbers(row) for row in np.hstack(columns))])
 
 

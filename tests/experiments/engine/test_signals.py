@@ -74,23 +74,17 @@ def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, t
 
 
 @pytest.mark.slow
-def test_a_second_ctrl_c_ends_at_once_and_workers_follow(tmp_path):
-    with working(tmp_path) as (process, workers):
-        os.kill(process.pid, signal.SIGINT)
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(process.pid, signal.SIGINT)
-        process.communicate(timeout=HANG_S)
-        assert process.returncode == 130
-        await_true(lambda: not any(alive(pid) for pid in workers))
-
-
-@pytest.mark.slow
-def test_workers_of_a_killed_command_end_by_themselves(tmp_path):
+@pytest.mark.parametrize(("signals", "status"), [([signal.SIGINT] * 2, 130), ([signal.SIGKILL], -signal.SIGKILL)])
+def test_workers_of_a_command_that_ends_at_once_follow(signals, status, tmp_path):
+    """By a second Ctrl-C, or killed."""
     with working(tmp_path) as (process, workers):
         assert all(alive(pid) for pid in workers)
-        os.kill(process.pid, signal.SIGKILL)
+        for sent in signals:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process.pid, sent)
         await_true(lambda: not any(alive(pid) for pid in workers))
         process.communicate(timeout=HANG_S)
+        assert process.returncode == status
 
 
 STUBBORN = """
@@ -145,20 +139,12 @@ def test_a_killed_workers_job_is_done_by_another(cluster, tmp_path):
 
 @pytest.mark.slow
 def test_a_signal_cancels_the_jobs_of_a_cluster(cluster, tmp_path):
-    log = tmp_path / "log"
-    log.touch()
     while len(cluster.scheduler.workers) < 2:  # one of them may just have been killed
         time.sleep(0.05)
-    command = [sys.executable, str(ROOT / "tests" / "tiny_jobs.py"), str(tmp_path / "runs"), str(log), "1", "2"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
-        [*command, cluster.scheduler_address], stderr=subprocess.PIPE, text=True, env=environment
-    )
-    while not log.read_text():
-        assert process.poll() is None, process.stderr.read()
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=HANG_S)
-    (tmp_path / "log.over").touch()  # else the end of the cluster waits for what its workers are still at
-    assert process.returncode == 130
-    assert "tiny: interrupted: 1 of 3 results are kept in" in error
-    assert "Traceback" not in error
+    with working(tmp_path, cluster.scheduler_address) as (process, _):
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=HANG_S)
+        (tmp_path / "log.over").touch()  # else the end of the cluster waits for what its workers are still at
+        assert process.returncode == 130
+        assert "tiny: interrupted: 3 of 7 results are kept in" in error
+        assert "Traceback" not in error

@@ -13,18 +13,20 @@ OPTICAL = "camera_color_optical_frame"
 CAMERA_M = np.array([-2.0, 0.0, 1.2])
 
 
-def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=None):
-    np.testing.assert_allclose(recording.times_s - recording.times_s[0], Walk.times_s, atol=2e-6)
-    np.testing.assert_allclose(recording.truth.head_position_m, head_m, atol=2e-6)
-    for given, found in ((head, recording.truth.head_quat_wxyz), (pelvis, recording.truth.pelvis_quat_wxyz)):
+def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=None, times_s=Walk.times_s):
+    """What was read is the walk; what is not given is unknown."""
+    track = recording.measured or recording.truth
+    np.testing.assert_allclose(recording.times_s - recording.times_s[0], times_s, atol=2e-6)
+    np.testing.assert_allclose(track.head_position_m, head_m, atol=2e-6)
+    for given, found in ((head, track.head_quat_wxyz), (pelvis, track.pelvis_quat_wxyz)):
         if given is None:
             assert np.isnan(found).all()
         else:
             same_turns(found, given)
     if pelvis_m is None:
-        assert np.isnan(recording.truth.pelvis_position_m).all()
+        assert np.isnan(track.pelvis_position_m).all()
     else:
-        np.testing.assert_allclose(recording.truth.pelvis_position_m, pelvis_m, atol=2e-6)
+        np.testing.assert_allclose(track.pelvis_position_m, pelvis_m, atol=2e-6)
 
 
 @pytest.mark.parametrize("unit", ["Millimeters", "Meters"])
@@ -86,11 +88,8 @@ def test_xsens_mvnx(tmp_path):
 )
 def test_ros2_topic_echo(tmp_path, kind, frame):
     recording = load(exports.ros2_echo(tmp_path / "a.csv", kind, frame))
-    head_m = Walk.head_m - [0.0, 0.0, 1.2] + [1.0, 0.0, 0.0]
-    np.testing.assert_allclose(recording.times_s, 1_700_000_000.9 + Walk.times_s, atol=1e-6)
-    np.testing.assert_allclose(recording.measured.head_position_m, head_m, atol=1e-9)
-    if kind != "point":
-        same_turns(recording.measured.head_quat_wxyz, Walk.head * exports.BACK)
+    check(recording, Walk.head_m + [1.0, 0.0, -1.2], None if kind == "point" else Walk.head * exports.BACK)
+    assert recording.times_s[0] == pytest.approx(1_700_000_000.9, abs=1e-6)
     assert recording.has_robot == (frame != "map")
     assert recording.kind == "tracked"
 
@@ -99,38 +98,24 @@ def test_ros2_topic_echo(tmp_path, kind, frame):
 def test_tracks_of_pedestrians(tmp_path, write):
     path = write(tmp_path / "obsmat.txt")
     recording = load(path)
-    np.testing.assert_allclose(recording.times_s - recording.times_s[0], 0.4 * np.arange(24), atol=1e-9)
     head_m = np.outer(np.arange(24), [0.5, 0.1, 0.0]) + np.array([5.0, 0.0, 1.6])
-    np.testing.assert_allclose(recording.truth.head_position_m, head_m, atol=1e-9)
+    check(recording, head_m, None, times_s=0.4 * np.arange(24))
     times_s = load(path, ReadOptions(person="3")).times_s
     np.testing.assert_allclose(times_s - times_s[0], 0.4 * np.array([0, 1, 2, 3, *range(4, 24, 2)]), atol=1e-9)
 
 
-@pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}"])
+@pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}", None])
 def test_mediapipe_world_landmarks(tmp_path, names):
-    recording = load(exports.mediapipe(tmp_path / "a.csv", names))
-    nose_m = Walk.point_m("head", [0.1, 0.0, 0.0]) - Walk.pelvis_m + [0.0, 0.0, 0.95]
-    np.testing.assert_allclose(recording.times_s, Walk.times_s, atol=1e-6)
-    np.testing.assert_allclose(recording.measured.head_position_m, nose_m, atol=2e-6)
-    hips_m = recording.measured.pelvis_position_m
-    np.testing.assert_allclose(hips_m, np.tile([0.0, 0.0, 0.95], (exports.FRAMES, 1)), atol=2e-6)
-    same_turns(recording.measured.head_quat_wxyz, Walk.head)
-    same_turns(recording.measured.pelvis_quat_wxyz, Walk.pelvis)
-
-
-def test_mediapipe_with_a_row_for_each_landmark(tmp_path):
-    recording = load(exports.mediapipe_long(tmp_path / "a.csv"))
-    wide = load(exports.mediapipe(tmp_path / "b.csv"))
-    np.testing.assert_allclose(recording.times_s, wide.times_s, atol=2e-6)
-    np.testing.assert_array_equal(recording.measured.head_position_m, wide.measured.head_position_m)
-    np.testing.assert_array_equal(recording.measured.pelvis_position_m, wide.measured.pelvis_position_m)
+    """In columns, or with a row for each landmark."""
+    path = tmp_path / "a.csv"
+    recording = load(exports.mediapipe(path, names) if names else exports.mediapipe_long(path))
+    hips_m = 0.0 * Walk.pelvis_m + [0.0, 0.0, 0.95]
+    check(recording, Walk.point_m("head", [0.1, 0.0, 0.0]) - Walk.pelvis_m + hips_m, Walk.head, hips_m, Walk.pelvis)
 
 
 def test_rostopic_of_ros_1(tmp_path):
     recording = load(exports.rostopic(tmp_path / "a.csv"))
-    np.testing.assert_allclose(recording.times_s - recording.times_s[0], Walk.times_s, atol=1e-6)
-    np.testing.assert_allclose(recording.measured.head_position_m, Walk.head_m, atol=2e-6)
-    same_turns(recording.measured.head_quat_wxyz, Walk.head)
+    check(recording)
     assert not recording.has_robot
 
 
@@ -139,11 +124,8 @@ def test_openpose(tmp_path, unit_m):
     folder = exports.openpose(tmp_path / "walk", lost=[20], unit_m=unit_m)
     recording = load(folder, ReadOptions(columns="t=frame:30hz"))
     seen = np.arange(exports.FRAMES) != 20
-    nose_m = Walk.point_m("head", [0.1, 0.0, 0.0]) - CAMERA_M
-    np.testing.assert_allclose(recording.times_s, Walk.times_s[seen], atol=1e-9)
-    np.testing.assert_allclose(recording.measured.head_position_m, nose_m[seen], atol=1e-9)
-    np.testing.assert_allclose(recording.measured.pelvis_position_m, (Walk.pelvis_m - CAMERA_M)[seen], atol=1e-9)
-    same_turns(recording.measured.head_quat_wxyz, Walk.head[seen])
+    nose_m, hips_m = (each[seen] - CAMERA_M for each in (Walk.point_m("head", [0.1, 0.0, 0.0]), Walk.pelvis_m))
+    check(recording, nose_m, Walk.head[seen], hips_m, Walk.pelvis[seen], Walk.times_s[seen])
     assert recording.name == "walk"
     with pytest.raises(RecordingError, match=r"no frame rate.*t=frame:60hz"):
         load(folder)

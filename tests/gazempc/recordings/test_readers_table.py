@@ -126,7 +126,6 @@ def _swap_y_and_z(rows):
     ("change", "named"),
     [
         (lambda rows: [row.pop(4) for row in rows], ["header", "missing column(s) head_qw", "the columns t, head_x"]),
-        (_set(1, "head_x", "t"), ["header", "missing column(s) head_x"]),
         (lambda rows: [row.append(row[3]) for row in rows], ["more than one column head_z", "once"]),
         (_set(17, "head_y", "left"), ["row 17", "head_y", "'left' is not a number", "a number"]),
         (_set(9, "head_x", "1e300"), ["row 9", "head_x", "1e+300", "finite"]),
@@ -137,7 +136,6 @@ def _swap_y_and_z(rows):
         (_set(30, "head_qw", "0.5"), ["row 30", "head_q{w,x,y,z}", "norm is 0.56", "norm of 1"]),
         (_scale("t", 1e3), ["33.33 s", "milliseconds", "factor of 1000", "seconds"]),
         (_scale(POSITIONS, 1000.0), ["600 m", "(median)", "millimetres", "factor of 1000", "metres"]),
-        (_scale(POSITIONS, 1 / 0.0254), ["23.62 m", "looks like inches", "factor of 39.37"]),
         (_swap_y_and_z, ["z does not point up", "(0.00, 0.60, 0.00) m", "z up"]),
     ],
 )
@@ -250,13 +248,11 @@ def spoilt(array, row, value):
     ("arguments", "named"),
     [
         ({"times_s": TIMES_S[:-1]}, "head_position_m: its shape is (120, 3)"),
-        ({"times_s": TIMES_S[:, None]}, "times_s: its shape is (120, 1)"),
         ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: the time stamp 0.0 follows"),
         ({"times_s": "now"}, "times_s: these are no numbers"),
         ({"head_position_m": spoilt(HEAD_M, 5, np.nan)}, "row 5"),
         ({"head_position_m": 1e3 * HEAD_M}, "looks like millimetres"),
         ({"head_quat_wxyz": [1.0, 1.0, 0.0, 0.0]}, "head_quat_wxyz: not a unit quaternion"),
-        ({"pelvis_quat_wxyz": np.zeros((3, 4))}, "pelvis_quat_wxyz: its shape is (3, 4)"),
     ],
 )
 def test_what_is_wrong_is_named(arguments, named):
