@@ -48,6 +48,16 @@ def bags_dir() -> Path:
     return _there("the real bags", BAGS, "GAZEMPC_BAGS", "README.md")
 
 
+@pytest.fixture(scope="module")
+def in_this_process() -> Iterator[None]:
+    """The module's commands start no worker process; `tests/experiments/engine` tests those."""
+    from builders.in_process import carry_out_here
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.engine.engine.on_this_machine", carry_out_here)
+        yield
+
+
 @pytest.fixture
 def real_time(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Holds a lock: two searches for faces in pictures rendered on the fly would each miss the frame rate they need."""

@@ -4,20 +4,12 @@ import re
 import sys
 
 import pytest
-from builders.in_process import workers_in_this_process
 from builders.page_code import code_blocks, not_printed, run_block
 from builders.pages import DOCS, FENCE, PAGES, TUTORIALS, page
 
 from gazempc.run import main as run_command
 
 WITH_PYTHON = [name for name in PAGES if "python" in {block.language for block in code_blocks(page(name))}]
-
-
-@pytest.fixture
-def in_this_process():
-    """Studies start no worker process."""
-    with workers_in_this_process():
-        yield
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from bs4 import BeautifulSoup
-from builders.comparisons import rows_of, runs
+from builders.studies import rows_of, runs
 
 from experiments.compare import main
 from experiments.engine.job import models_hash

@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from builders.comparisons import rows_of, runs
 from builders.own_parts import own_module
+from builders.studies import rows_of, runs
 
 from experiments.compare import main
 from experiments.engine.command import name_parts

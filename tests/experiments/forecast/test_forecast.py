@@ -3,6 +3,7 @@
 import io
 import json
 from contextlib import redirect_stdout
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +13,9 @@ from builders.own_parts import own_module
 from experiments.forecast.command import forecast, main
 from experiments.forecast.errors import ForecastErrors, forecast_errors, placed_for, smooth_truth
 from experiments.forecast.page import summarise
+from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
-from gazempc.recordings.recording import Recording, Track
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.forecast_metrics import inside
 from gazempc.sim.sensor import load_sensor
@@ -25,12 +26,10 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 HORIZONS = np.array([0.25, 0.5, 1.0])
 
 
-def straight_walk(speed=1.2, heading=0.7, seconds=4.0, name="line"):
+def straight_walk(speed=1.2, heading=0.7, seconds=4.0):
     t = np.arange(0, seconds, 1 / 30)
     position = np.stack([speed * t * np.cos(heading), speed * t * np.sin(heading), np.full_like(t, 1.6)], axis=1)
-    quat = np.tile([1.0, 0, 0, 0], (t.size, 1))
-    track = Track(position, quat, position - [0, 0, 0.6], quat, np.ones(t.size, dtype=bool))
-    return Recording(name, "made here", "motion capture", t, track, None, True)
+    return recording_from_arrays("line", t, position, in_base_frame=True)
 
 
 def test_last_position_errs_by_speed_times_horizon_along_the_path():
@@ -160,50 +159,39 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
 
 
-def elsewhere():
-    """A synthetic walk as motion capture gives it: nobody says where a robot stood."""
-    walk = load("subject01_R4")
-    return Recording(**vars(walk) | {"has_robot": False})
-
-
-def test_the_recordings_own_frame_serves_where_nothing_depends_on_the_place():
-    walk = elsewhere()
-    for name in ("perfect", "reference", "body_tracker", "street"):
-        assert placed_for(walk, load_sensor(name)) is walk
-
-
-def test_a_sensor_with_a_line_of_sight_stands_beside_the_walk_or_where_one_stood():
-    camera = load_sensor("face_camera")
-    walk = elsewhere()
-    expected = place(walk, "side", 2.5, 1.2).truth.head_position_m
-    np.testing.assert_array_equal(placed_for(walk, camera).truth.head_position_m, expected)
+def test_a_sensor_with_a_line_of_sight_stands_beside_the_walk_where_no_robot_stood():
+    """For others the recording's own frame serves, and where a robot stood, for all."""
     own = load("subject01_R4")
+    elsewhere, camera = replace(own, has_robot=False), load_sensor("face_camera")
+    for name in ("perfect", "reference", "body_tracker", "street"):
+        assert placed_for(elsewhere, load_sensor(name)) is elsewhere
+    expected = place(elsewhere, "side", 2.5, 1.2).truth.head_position_m
+    np.testing.assert_array_equal(placed_for(elsewhere, camera).truth.head_position_m, expected)
     np.testing.assert_array_equal(placed_for(own, camera).truth.head_position_m, own.truth.head_position_m)
 
 
 OVER_S = 0.4
 
 
-def recorded(times_s, head_m, valid=None, measured=None):
-    unknown = np.full((times_s.size, 4), np.nan)
-    valid = np.ones(times_s.size, dtype=bool) if valid is None else valid
-    head_m = np.where(valid[:, None], head_m, np.nan)
-    track = Track(head_m, unknown, np.full_like(head_m, np.nan), unknown, valid)
-    return Recording("made", "made here", "motion capture", times_s, track, measured, False)
+def smoothed_m(times_s, head_m, valid=True):
+    """The smoothed truth of a head with these frames."""
+    made = recording_from_arrays("made", times_s, head_m)
+    valid = np.broadcast_to(valid, times_s.shape)
+    truth = replace(made.truth, head_position_m=np.where(valid[:, None], head_m, np.nan), valid=valid)
+    return smooth_truth(replace(made, truth=truth), OVER_S).truth.head_position_m
 
 
 def test_a_steady_walk_stays_as_it_is_to_its_ends_in_uneven_frames():
     times_s = np.sort(np.random.default_rng(0).uniform(0.0, 3.0, 90))
     head_m = np.array([1.0, 2.0, 1.6]) + np.outer(times_s, [1.2, -0.3, 0.0])
-    smooth = smooth_truth(recorded(times_s, head_m), OVER_S).truth.head_position_m
-    np.testing.assert_allclose(smooth, head_m, atol=1e-12)
+    np.testing.assert_allclose(smoothed_m(times_s, head_m), head_m, atol=1e-12)
 
 
 def test_a_wave_is_lowered_by_its_sinc_and_does_not_lag():
     times_s = np.arange(0.0, 6.0, 0.01)
     rate_rad_s = 2.0 * np.pi * 1.5
     wave_m = np.stack([np.sin(rate_rad_s * times_s), np.cos(rate_rad_s * times_s), 0 * times_s], axis=1)
-    smooth = smooth_truth(recorded(times_s, wave_m), OVER_S).truth.head_position_m
+    smooth = smoothed_m(times_s, wave_m)
     inner = (times_s > OVER_S) & (times_s < 6.0 - OVER_S)
     lowered = np.sinc(rate_rad_s * OVER_S / 2.0 / np.pi)
     np.testing.assert_allclose(smooth[inner], lowered * wave_m[inner], atol=1e-3)
@@ -214,7 +202,7 @@ def test_nothing_is_averaged_over_a_gap():
     side_m = np.where(times_s < 1.0, 0.0, 5.0)
     head_m = np.stack([side_m, side_m, 0 * side_m], axis=1)
     valid = (times_s < 0.8) | (times_s > 1.1)
-    smooth = smooth_truth(recorded(times_s, head_m, valid), OVER_S).truth.head_position_m
+    smooth = smoothed_m(times_s, head_m, valid)
     np.testing.assert_allclose(smooth[valid], head_m[valid], atol=1e-12)
     assert np.isnan(smooth[~valid]).all()
 

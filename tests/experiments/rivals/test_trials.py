@@ -48,18 +48,14 @@ def test_walks_are_passed_at_their_distance() -> None:
 
 
 def test_straight_walks_are_passed_and_others_are_turns() -> None:
-    def labels(group, activity=None):
-        return Labels("anna", group, activity=activity)
+    def labels(group):
+        return Labels("anna", group)
 
     assert takes("pass_1.0m", labels("straight"))
     assert takes("pass_2.5m", labels(None))
     assert takes("turns", labels("sharp"))
     assert not takes("turns", labels("straight"))
     assert not takes("loss", labels("turn"))
-    assert takes(STAND, labels("standing", "standing"))
-    assert takes(SIT, labels(None, "sitting"))
-    assert not takes(STAND, labels(None, "sitting"))
-    assert not takes(SIT, labels("standing"))
 
 
 def test_who_really_stands_is_as_far_away_as_the_motionless_face() -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from builders.sweeps import SMALL, refusal, words
+from builders.studies import SMALL, refusal, words
 
 from experiments.aggregate import METRICS
 from experiments.sweep.names import check_name, check_value, resolve, setting_fields, with_unit

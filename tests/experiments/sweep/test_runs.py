@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from builders.own_parts import own_module
-from builders.sweeps import SMALL, table_of, written
+from builders.studies import SMALL, rows_of, written
 
 from experiments.sweep.plan import load_plan
 from experiments.sweep.sweep import SweepSettings, run_sweep, sweep
@@ -29,7 +29,7 @@ def undisturbed(tmp_path_factory, in_this_process):
 
 
 def test_tables_and_known_effects(undisturbed):
-    rows, table = table_of(undisturbed), table_of(undisturbed, "table.csv")
+    rows, table = rows_of(undisturbed / "out"), rows_of(undisturbed / "out", "table.csv")
     assert len(rows) == 8
     assert len({(r["point"], r["recording"]) for r in rows}) == 8
     summary = json.loads((undisturbed / "out" / "summary.json").read_text())

@@ -4,7 +4,7 @@ import contextlib
 import sys
 
 import pytest
-from builders.sweeps import table_of, words
+from builders.studies import rows_of, words
 
 from experiments.engine.engine import Engine
 from experiments.sweep.sweep import main
@@ -47,9 +47,9 @@ def test_tuning_stopped_in_the_middle_ends_with_the_same_trials(tmp_path, monkey
     assert len(before) == 4
     assert main(words(stopped, TUNED)) == 0
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
-    rows = table_of(whole)
+    rows = rows_of(whole / "out")
     assert len(rows) == TUNED["n"]
-    assert rows == table_of(stopped)
+    assert rows == rows_of(stopped / "out")
     assert len({r["lookahead.smoothing_time_s"] for r in rows}) > 3
 
 

@@ -88,7 +88,7 @@ def test_xsens_mvnx(tmp_path):
 )
 def test_ros2_topic_echo(tmp_path, kind, frame):
     recording = load(exports.ros2_echo(tmp_path / "a.csv", kind, frame))
-    check(recording, Walk.head_m + [1.0, 0.0, -1.2], None if kind == "point" else Walk.head * exports.BACK)
+    check(recording, Walk.head_m - [-1.0, 0.0, 1.2], None if kind == "point" else Walk.head * exports.BACK)
     assert recording.times_s[0] == pytest.approx(1_700_000_000.9, abs=1e-6)
     assert recording.has_robot == (frame != "map")
     assert recording.kind == "tracked"
@@ -109,7 +109,7 @@ def test_mediapipe_world_landmarks(tmp_path, names):
     """In columns, or with a row for each landmark."""
     path = tmp_path / "a.csv"
     recording = load(exports.mediapipe(path, names) if names else exports.mediapipe_long(path))
-    hips_m = 0.0 * Walk.pelvis_m + [0.0, 0.0, 0.95]
+    hips_m = np.tile([0.0, 0.0, 0.95], (exports.FRAMES, 1))
     check(recording, Walk.point_m("head", [0.1, 0.0, 0.0]) - Walk.pelvis_m + hips_m, Walk.head, hips_m, Walk.pelvis)
 
 

@@ -1,4 +1,4 @@
-"""Small sweeps, and what they have written."""
+"""Small comparisons and sweeps, and what they have written."""
 
 import csv
 
@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from experiments.aggregate import TIMING
+from experiments.compare import CompareSettings, runs_of
 from experiments.sweep.plan import load_plan
 from gazempc.errors import SettingsError
 
@@ -28,8 +29,18 @@ def words(folder, content, *more):
     return [str(written(folder, content)), "--out", str(folder / "out"), "--no-figures", "--jobs", "1", *more]
 
 
-def table_of(folder, name="results.csv"):
-    with (folder / "out" / name).open(newline="") as file:
+def runs(out, **changes):
+    """Labels and jobs of a small comparison."""
+    plain = {
+        "recordings": ("subject01_R1", "subject01_R4", "subject02_R6"),
+        "controllers": ("reactive", "lookahead", "mpc+perfect"),
+    }
+    return runs_of(CompareSettings(**plain | changes, out=out))
+
+
+def rows_of(out, name="results.csv"):
+    """The rows of a table without computing times, which differ from run to run."""
+    with (out / name).open(newline="") as file:
         return [{k: v for k, v in row.items() if k not in TIMING} for row in csv.DictReader(file)]
 
 
