@@ -97,16 +97,6 @@ def test_default_predictor_and_one_perfect_run_for_all():
     assert {row["predictor"] for row in labels if row["controller"] == "reactive"} == {"walker", "head_pose"}
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [(["--recordings", "nowhere"], "nowhere"), (["--recordings", "synthetic", "--necks", "x"], "'x'")],
-)
-def test_bad_input_is_refused_before_anything_runs(words, expected, tmp_path, capsys):
-    assert main([*words, "--out", str(tmp_path / "out")]) == 2
-    assert expected in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_another_fitted_model_is_another_run(tmp_path):
     """A fit into the same folder changes the key, so that old results are not taken for new ones."""
     path = tmp_path / "left_out" / "ann.npz"

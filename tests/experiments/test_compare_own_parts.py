@@ -64,21 +64,6 @@ class Failing(Steady):
     assert "faults" not in rows_of(tmp_path / "out")[0]
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--controllers", "my_parts:Slugish"], "perhaps you meant 'Sluggish'"),
-        (["--controllers", "no_parts:Sluggish"], "there is no module 'no_parts'"),
-        (["--controllers", "mpc", "--options.share", "1"], "options are for parts of your own"),
-    ],
-)
-def test_a_part_that_is_not_there_is_said_before_anything_runs(words, expected, tmp_path, monkeypatch, capsys):
-    own_module(tmp_path, monkeypatch)
-    assert main(["--recordings", "subject01_R4", *words, "--out", str(tmp_path / "out")]) == 2
-    assert expected in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_two_parts_of_one_name_are_told_apart():
     rows = [
         {"controller": choice, "controller_name": name}

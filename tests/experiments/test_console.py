@@ -1,8 +1,10 @@
 """The command `gazempc`."""
 
 import importlib
+from pathlib import Path
 
 import pytest
+from builders.own_parts import own_module
 
 from experiments.console import COMMANDS, main
 
@@ -27,3 +29,29 @@ def test_every_command_is_there_and_explains_itself(name, capsys):
         main([name, "--help"])
     assert ended.value.code == 0
     assert "--" in capsys.readouterr().out
+
+
+ONE = "--recordings subject01_R4"
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("compare --recordings nowhere", "nowhere"),
+        (f"compare {ONE} --necks x", "'x'"),
+        (f"compare {ONE} --controllers my_parts:Slugish", "'Sluggish'"),
+        (f"compare {ONE} --controllers no_parts:Sluggish", "'no_parts'"),
+        (f"compare {ONE} --controllers mpc --options.share 1", "options"),
+        ("sweep paretto", "'pareto'"),
+        (f"fit {ONE} subject01_R1", "at least 2"),
+        ("paper --recordings nowhere", "nowhere"),
+        ("rivals --rivals humotin", "humotin"),
+        ("rivals --trials walk", "walk"),
+        ("rivals --walker.fitted no_folder", "no_folder"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_runs(words, named, tmp_path, monkeypatch, capsys):
+    own_module(tmp_path, monkeypatch)
+    assert main([*words.split(), "--out", "out"]) == 2
+    assert named in capsys.readouterr().err
+    assert not Path("out").exists()

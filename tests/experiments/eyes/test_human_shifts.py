@@ -31,9 +31,7 @@ def test_a_shift_sideways_is_scaled_to_the_motors_and_stands_beside_that_of_peop
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_picture(capsys, tmp_path, monkeypatch):
-    few = {"sideways": (20.0, 60.0), "up": (10.0,), "down": ()}
-    monkeypatch.setattr("experiments.eyes.human._AMPLITUDES_DEG", few)
+def test_the_command_writes_a_picture(capsys, tmp_path):
     assert main(["--neck", "furhat", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "furhat_mpc.png").stat().st_size > 20_000
     assert capsys.readouterr().out.count("sideways 60") >= 1

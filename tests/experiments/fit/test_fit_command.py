@@ -53,11 +53,6 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     assert sorted(p.name for p in finished.iterdir()) == ["left_out", "runs", "walker.npz"]
 
 
-def test_one_person_is_not_enough(tmp_path, capsys):
-    assert main(["--recordings", "subject01_R1", "subject01_R4", "--out", str(tmp_path)]) == 2
-    assert "at least 2" in capsys.readouterr().err
-
-
 def constant_model(value):
     """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
     bias = NOTHING[1][0].copy()

@@ -17,7 +17,6 @@ from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.truth import TrueHead
-from gazempc.results.forecast_metrics import inside
 from gazempc.sim.sensor import load_sensor
 from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
 
@@ -227,19 +226,6 @@ def test_smoothed_truth_scores_what_the_track_hides(tmp_path):
     assert set(np.round(np.abs(raw_mm))) == {40.0}
 
 
-def test_a_walk_that_comes_too_near_is_left_out_where_the_place_matters(tmp_path):
-    """A circle of 2 m about its centre: beside it at 2.5 m the head comes within 0.5 m of a camera."""
-    times_s = np.arange(0, 8.0, 0.05)
-    angle_rad = 2.0 * np.pi * times_s / 8.0
-    rows = np.stack([times_s, 2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad), 0 * times_s + 1.6], axis=1)
-    np.savetxt(tmp_path / "round.csv", rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
-    words = {"recordings": [str(tmp_path / "round.csv")], "sensors": ["reference", "face_camera"], "jobs": 1}
-    seen, near = forecast(**words, predictors=["last_position"], out=tmp_path / "out")
-    assert (seen["sensor"], seen["left_out"]) == ("reference", None)
-    assert near["sensor"] == "face_camera"
-    assert "comes within" in near["left_out"]
-
-
 def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
     """One scored frame."""
     errors = ForecastErrors(
@@ -259,5 +245,4 @@ def test_coverage_in_the_table_is_that_of_the_stated_tails():
     (_, normal) = summarise([clip("a", "normal", 1.0, np.inf, 9.0)])
     (_, tailed) = summarise([clip("a", "tailed", 1.0, 4.0, 9.0)])
     assert (normal["coverage_95"], tailed["coverage_95"]) == (0.0, 1.0)
-    assert inside(np.array([9.0]), np.array([4.0]), 0.90).tolist() == [False]
     assert tailed["coverage_90"] == 0.0

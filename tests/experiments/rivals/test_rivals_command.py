@@ -55,14 +55,6 @@ def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> Non
         assert f"| {row['rival']} | {100 * row['eye_contact_2p6']:.1f} [" in text
 
 
-@pytest.mark.parametrize(
-    ("option", "word"), [("rivals", "humotin"), ("trials", "walk"), ("walker.fitted", "no_folder")]
-)
-def test_unknown_names_are_refused(option, word, capsys) -> None:
-    assert main([f"--{option}", word]) == 2
-    assert word in capsys.readouterr().err
-
-
 def test_free_constants_are_the_best_on_walks_for_each_neck() -> None:
     runs = [
         run_of("autoptz", 0.2, "speed_scale=0.5"),

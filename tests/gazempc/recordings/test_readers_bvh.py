@@ -152,7 +152,6 @@ def _replace(old, new):
         (lambda lines: lines.remove("}"), ["MOTION", "Hips"]),
         (_line(4, "OFFSET 0 0 nan"), ["line 4", "finite"]),
         (_line(5, "CHANNELS 1 Wrotation"), ["line 5", "Wrotation", "Xposition, Yposition"]),
-        (_line(3, "OFFSET 0 0 0"), ["line 3", "brace"]),
         (_line(FIRST, "Frame Time: 8.3333"), ["milliseconds", "1000"]),
         (_line(FIRST + 5, "1 2 3"), [f"line {FIRST + 5}", "frame 5", "18 values"]),
         (_line(FIRST + 5, " ".join(["1"] * 17 + ["1,5"])), [f"line {FIRST + 5}", "'1,5'"]),

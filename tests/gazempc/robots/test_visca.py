@@ -228,32 +228,14 @@ def test_moves_are_renewed_a_silent_loop_and_the_end_are_a_stop() -> None:
         robot.close()  # again does nothing
 
 
-PROGRAM = """
-import sys, time
-import numpy as np
-from gazempc.neck.spec import load_neck
-from gazempc.robots.options import ViscaOptions
-from gazempc.robots.visca import ViscaCamera
-
-robot = ViscaCamera(sys.argv[1], load_neck("ptz"), time.monotonic, ViscaOptions())
-robot.connect()
-for k in range(3000):
-    robot.send_command(np.array([0.5, 0.1]))
-    if k == 10:
-        print("moving", flush=True)
-    time.sleep(0.02)
-"""
-
-
 @pytest.mark.slow
-def test_a_program_that_is_killed_leaves_a_camera_that_stands() -> None:
+def test_a_program_that_is_killed_leaves_a_camera_that_stands(tmp_path) -> None:
     with camera() as (server, _):
-        words = [sys.executable, "-c", PROGRAM, f"127.0.0.1:{server.address[1]}"]
+        robot = ["--robot", f"visca:127.0.0.1:{server.address[1]}", "--neck", "ptz", "--controller", "lookahead"]
+        words = [sys.executable, "-m", "gazempc.live", "--source", "replay", *robot, "--out", str(tmp_path)]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment) as process:
-            assert process.stdout is not None
-            assert process.stdout.readline() == b"moving\n"
-            assert server.driven[-1][1] > 0
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL, env=environment) as process:
+            wait_for(lambda: server.driven and server.driven[-1][1] != 0)
             process.kill()
         wait_for(lambda: server.driven[-1][1:] == (0, 0))
 
