@@ -3,8 +3,10 @@
 import fcntl
 import gc
 import os
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 # One numerical thread a process, before NumPy is loaded: the matrices are small, and the tests' processes are the
 # parallelism. Else the threads of several processes wait for each other.
@@ -50,11 +52,18 @@ def bags_dir() -> Path:
 
 @pytest.fixture(scope="module")
 def in_this_process() -> Iterator[None]:
-    """The module's commands start no worker process; `tests/experiments/engine` tests those."""
-    from builders.in_process import carry_out_here
+    """The module's commands start no worker process, which takes seconds; `tests/experiments/engine` tests those."""
+    from experiments.engine.job import carry_out, program_hash
+
+    def do(jobs: dict[str, Any], count: int) -> Iterator[tuple[str, Any]]:
+        # Pickled on the way, as for a worker process.
+        assert count >= 1
+        for key, job in jobs.items():
+            row = carry_out(pickle.loads(pickle.dumps(job)), key, program_hash())
+            yield key, pickle.loads(pickle.dumps(row))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.engine.engine.on_this_machine", carry_out_here)
+        patch.setattr("experiments.engine.engine.on_this_machine", do)
         yield
 
 

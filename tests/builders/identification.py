@@ -2,9 +2,6 @@
 
 import dataclasses
 
-import numpy as np
-
-from gazempc.errors import RobotError
 from gazempc.identify.estimate import bandwidth_hz
 from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.record import record
@@ -45,23 +42,3 @@ def assert_close(estimate, dead_time_s, wn, zeta, *, dead_time_ms=5.0, bandwidth
     assert estimate.doubts == ()
     assert 1e3 * abs(estimate.dead_time_s.value - dead_time_s) < dead_time_ms
     assert abs(estimate.bandwidth_hz.value / bandwidth_hz(wn, zeta) - 1.0) < bandwidth_share
-
-
-class Failing(SimulatedNeck):
-    """Fails to answer from one call on."""
-
-    sends = reads = 10**9
-    error = RobotError
-
-    def read_state(self):
-        self.reads -= 1
-        if self.reads < 0:
-            raise RobotError("no answer")
-        return super().read_state()
-
-    def send_command(self, position_rad):
-        self.sends -= 1
-        if self.sends == 0:
-            raise self.error("no answer")
-        self.sent = [*getattr(self, "sent", []), np.array(position_rad)]
-        return super().send_command(position_rad)

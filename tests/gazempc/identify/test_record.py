@@ -1,9 +1,12 @@
 """Excitation and recording: within limits, and at rest in the end, whatever ends the run."""
 
+import itertools
+
 import numpy as np
 import pytest
 from builders.control import assert_within
-from builders.identification import REFERENCE, SHORT, Failing, drive, plant, simulate
+from builders.identification import REFERENCE, SHORT, drive, plant, simulate
+from builders.robots import Spied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,18 +19,22 @@ from gazempc.sim.simulated import SimulatedNeck
 
 @pytest.mark.parametrize("cause", ["interrupt", "command", "silence"])
 def test_whatever_ends_a_run_the_neck_comes_to_rest_within_limits(cause):
-    clock = SimulatedClock()
-    robot = Failing(plant(), REFERENCE.rest_rad, clock.now_s)
-    expected = RobotError
-    if cause == "interrupt":
-        robot.sends, robot.error, expected = 250, KeyboardInterrupt, KeyboardInterrupt
-    elif cause == "command":
-        robot.sends = 250
-    else:
-        robot.reads = 150
+    clock, calls = SimulatedClock(), itertools.count(1)
+    expected = KeyboardInterrupt if cause == "interrupt" else RobotError
+
+    def on_send(_):
+        if cause != "silence" and next(calls) == 250:
+            raise expected("no answer")
+
+    def on_read(_, state):
+        if cause == "silence" and next(calls) > 150:
+            raise RobotError("no answer")
+        return state
+
+    robot = Spied(SimulatedNeck(plant(), REFERENCE.rest_rad, clock.now_s), clock, on_read, on_send)
     with pytest.raises(expected):
         drive(robot, clock)
-    sent, h = np.array(robot.sent), REFERENCE.servo_period_s
+    sent, h = np.array([command for _, command in robot.received]), REFERENCE.servo_period_s
     assert len(sent) < 400
     assert np.abs(np.diff(sent, axis=0)).max() / h > 0.5, "it should have been moving"
     assert np.abs(np.diff(sent[-2:], axis=0)).max() < 1e-12, "at rest in the end"
