@@ -51,9 +51,7 @@ def pose_rows(times_s, positions_m, frame, quat_wxyz=(1.0, 0.0, 0.0, 0.0)):
 
 
 def _message(kind, row, stamped):
-    if kind == "std_msgs/msg/String":
-        return row[0], TYPES[kind](row[1])
-    if kind == "std_msgs/msg/Bool":
+    if kind.startswith("std_msgs/"):
         return row[0], TYPES[kind](row[1])
     stamp_s, frame, position_m, quat_wxyz = row
     header, point = _header(stamp_s * stamped, frame), TYPES["geometry_msgs/msg/Point"](*map(float, position_m))

@@ -8,7 +8,7 @@ START_USEC = 5_000_000_000
 STEP_USEC = 33_333
 LEFT, UP = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 # Not the SDK's order on purpose: joints are found by name.
-NAMES = ["EAR_RIGHT", "NECK", "NOSE", "PELVIS", "FOOT_LEFT", "HEAD", "EAR_LEFT"]
+NAMES = ["EAR_RIGHT", "NECK", "NOSE", "PELVIS", "HEAD", "EAR_LEFT"]
 
 
 def camera_from_level(level, pitch_deg):
@@ -37,9 +37,8 @@ def body(body_id, pelvis_m, pelvis_yaw, head_yaw, pitch):
         "EAR_LEFT": head_m + turn.apply([0.0, 0.08, 0.0]),
         "EAR_RIGHT": head_m + turn.apply([0.0, -0.08, 0.0]),
         "NECK": pelvis_m + 0.4 * UP,
-        "FOOT_LEFT": pelvis_m - 0.9 * UP,
     }
-    yaw = {name: pelvis_yaw if name in ("PELVIS", "NECK", "FOOT_LEFT") else head_yaw for name in NAMES}
+    yaw = {name: pelvis_yaw if name in ("PELVIS", "NECK") else head_yaw for name in NAMES}
     return {
         "body_id": body_id,
         "joint_positions": [(1000.0 * camera_from_level(level[name], pitch)).tolist() for name in NAMES],

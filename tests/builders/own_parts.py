@@ -27,6 +27,19 @@ class Steady(ConstantVelocity):
 
     def __init__(self, psd: float = 0.05) -> None:
         super().__init__(psd, 0.01)
+
+
+class Failing(Steady):
+    \"\"\"Fails after fifty forecasts.\"\"\"
+
+    name = "failing"
+    calls = 0
+
+    def forecast(self, times_s):
+        self.calls += 1
+        if self.calls > 50:
+            raise TypeError("too often")
+        return super().forecast(times_s)
 """
 
 

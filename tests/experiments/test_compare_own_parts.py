@@ -39,19 +39,7 @@ def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("in_this_process")
 def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, capsys):
-    fails = """
-
-class Failing(Steady):
-    name = "failing"
-    calls = 0
-
-    def forecast(self, times_s):
-        Failing.calls += 1
-        if Failing.calls > 50:
-            raise TypeError("too often")
-        return super().forecast(times_s)
-"""
-    own = own_module(tmp_path, monkeypatch, "failing_parts", more=fails)
+    own = own_module(tmp_path, monkeypatch)
     words = ["--recordings", "subject01_R4", "--controllers", "reactive", "--predictors", f"{own}:Failing"]
     assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 0
     (fault,) = json.loads((tmp_path / "out" / "summary.json").read_text())["faults"]

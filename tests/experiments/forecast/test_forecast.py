@@ -73,14 +73,6 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
     assert np.mean(known <= 7.8147) == pytest.approx(0.95, abs=0.015)
 
 
-FAILS = """
-
-class Failing(Steady):
-    def forecast(self, times_s):
-        raise TypeError("no")
-"""
-
-
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory, in_this_process):
     """Folder and output of the command: people who stand and walk, and a predictor that fails."""
@@ -88,7 +80,7 @@ def compared(tmp_path_factory, in_this_process):
     words = ["--recordings", "subject01_stand", "subject01_R1", "subject02_R4", "--horizons", "0.5", "--jobs", "1"]
     words += ["--no-figures", "--predictors", "default", "last_position", "constant_velocity"]
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
-        own = own_module(folder, patch, "failing_parts", more=FAILS)
+        own = own_module(folder, patch)
         assert main([*words, f"{own}:Failing", "--out", str(folder / "out")]) == 4
     return folder / "out", json.loads((folder / "out" / "summary.json").read_text()), said.getvalue()
 
@@ -128,11 +120,11 @@ def test_people_who_stand_are_compared_with_the_last_position_too(compared):
 
 def test_a_predictor_that_fails_is_named_with_the_recordings(compared):
     _, summary, printed = compared
-    own = "failing_parts:Failing"
-    assert f"failed: {own} on subject01_R1: predictor steady: " in printed
+    own = "my_parts:Failing"
+    assert f"failed: {own} on subject01_R1: TypeError" in printed
     recordings = ("subject01_stand", "subject01_R1", "subject02_R4")
     assert [(f["recording"], f["predictor"]) for f in summary["failed"]] == [(name, own) for name in recordings]
-    assert all("no" in f["failed"] for f in summary["failed"])
+    assert all("too often" in f["failed"] for f in summary["failed"])
 
 
 def test_hidden_cues_are_not_seen():

@@ -103,7 +103,7 @@ NOSE = NAMES.index("NOSE")
         (_put("SPINE", "joint_names", NOSE), ["joint_names", "NOSE"]),
         (_put(10**400, "frames", 4, "timestamp_usec"), ["frame 4", "timestamp_usec"]),
         (_put(START_USEC + 3 * STEP_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "frame 3"]),
-        (lambda content: joints(content, 4).pop(), ["frame 4, body 7", "6 joint_positions for 7"]),
+        (lambda content: joints(content, 4).pop(), ["frame 4, body 7", "5 joint_positions for 6"]),
         (_put("1", "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4", "joint_positions"]),
         (_put(None, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4, body 7", "NOSE", "y", "nan"]),
         (_put(9.0, "frames", 4, "bodies", 0, "joint_orientations", NOSE, 0), ["frame 4", "NOSE", "norm"]),

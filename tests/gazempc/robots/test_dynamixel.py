@@ -95,13 +95,10 @@ def rig_in(folder, connected=True, **options):
         rig.close()
 
 
-@pytest.fixture(params=[PATIENT_MS])
-def rig(tmp_path, request):
-    with rig_in(tmp_path, reply_timeout_ms=request.param) as rig:
+@pytest.fixture
+def rig(tmp_path):
+    with rig_in(tmp_path) as rig:
         yield rig
-
-
-hasty = pytest.mark.parametrize("rig", [HASTY_MS], indirect=True, ids=[""])
 
 
 @given(
@@ -248,24 +245,24 @@ def test_a_hardware_error_is_named_and_the_motor_is_not_restarted_by_itself(rig)
     np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
 
 
-@hasty
-def test_power_that_goes_and_comes_back(rig):
-    for motor in rig.motors.values():
-        motor.answers = False
-    rig.refuses("check power")
-    asked = len(rig.bus.received)
-    for _ in range(50):  # within 0.1 s no motor is asked again: the loop's ticks lose no time
+def test_power_that_goes_and_comes_back(tmp_path):
+    with rig_in(tmp_path, reply_timeout_ms=HASTY_MS) as rig:
+        for motor in rig.motors.values():
+            motor.answers = False
         rig.refuses("check power")
-    assert len(rig.bus.received) == asked
-    for motor, position in zip(rig.motors.values(), (2300, 1900), strict=True):
-        motor.answers = True
-        motor.restart(position)
-        motor.history.clear()
-    state, failures = rig.recover()
-    assert failures > 0
-    np.testing.assert_allclose(state.position_rad, np.array([252, -148]) * TICK_RAD)
-    assert [motor.history for motor in rig.motors.values()] == [[("torque on", 0)]] * 2
-    assert rig.values("profile_velocity") == [0, 0]
+        asked = len(rig.bus.received)
+        for _ in range(50):  # within 0.1 s no motor is asked again: the loop's ticks lose no time
+            rig.refuses("check power")
+        assert len(rig.bus.received) == asked
+        for motor, position in zip(rig.motors.values(), (2300, 1900), strict=True):
+            motor.answers = True
+            motor.restart(position)
+            motor.history.clear()
+        state, failures = rig.recover()
+        assert failures > 0
+        np.testing.assert_allclose(state.position_rad, np.array([252, -148]) * TICK_RAD)
+        assert [motor.history for motor in rig.motors.values()] == [[("torque on", 0)]] * 2
+        assert rig.values("profile_velocity") == [0, 0]
 
 
 def test_a_port_that_goes_and_comes_back(rig):
