@@ -225,6 +225,28 @@ def openpose(folder, lost=(), unit_m=0.001):
     return folder
 
 
+# Not the SDK's order on purpose: joints are found by name.
+KINECT = {"EAR_RIGHT": ("head", [0.0, -0.07, 0.0]), "NECK": ("pelvis", [0.0, 0.0, 0.4]), "NOSE": ("head", [0.1, 0, 0])}
+KINECT |= {"PELVIS": ("pelvis", np.zeros(3)), "HEAD": ("head", np.zeros(3)), "EAR_LEFT": ("head", [0.0, 0.07, 0.0])}
+
+
+def kinect(pitch_deg=0.0, body_id=7, shift_m=(0.0, 0.0, 0.0)):
+    """Azure Kinect body tracking: microseconds, millimetres and the axes of a camera that looks up by the pitch.
+
+    The joints' axes are +X up, +Y where the person faces, +Z to the left.
+    """
+    camera = Rotation.from_matrix(FILE_FROM_OURS["optical"]) * Rotation.from_euler("y", pitch_deg, degrees=True)
+    person = Rotation.from_matrix([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    positions_mm = [1000.0 * camera.apply(Walk.point_m(part, offset) + shift_m) for part, offset in KINECT.values()]
+    turns = [(camera * getattr(Walk, part) * person).as_quat(scalar_first=True) for part, _ in KINECT.values()]
+    frames = []
+    for k, t in enumerate(Walk.times_s):
+        body = {"body_id": body_id, "joint_positions": [each[k].tolist() for each in positions_mm]}
+        body["joint_orientations"] = [each[k].tolist() for each in turns]
+        frames.append({"timestamp_usec": 5_000_000_000 + round(1e6 * t), "bodies": [body]})
+    return {"k4abt_sdk_version": "1.1.2", "joint_names": list(KINECT), "bone_list": [], "frames": frames}
+
+
 def _write(path, lines):
     path.write_text("".join(",".join(line) + "\n" for line in lines), encoding="utf-8")
     return path

@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from builders import bags, exports, skeletons
-from builders.kinect import document
 from builders.recordings import synthetic
 from builders.replays import replayed
 
@@ -159,7 +158,7 @@ def sound(tmp_path_factory):
     index = "clip,subject,group,kind,source_description\nanna_1,anna,turn,walking,made by hand\n"
     text("index", "index.csv", index, load, table)
     text("mapping", "columns.toml", 't = "t:s"\nhead = "head:m"\nhead_q = "head_q"\n', load, table)
-    text("kinect", "a.json", json.dumps(document()), load)
+    text("kinect", "a.json", json.dumps(exports.kinect()), load)
     text("lines", "a.jsonl", "".join(json.dumps(row) + "\n" for row in rows), of_lines)
     text("neck", "neck.toml", shipped("neck", "reference"), load_neck)
     text("sensor", "sensor.toml", shipped("sim/sensors", "street"), load_sensor)

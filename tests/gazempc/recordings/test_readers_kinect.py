@@ -1,12 +1,10 @@
 """Azure Kinect JSON: known motion comes back in level axes; damage is named with file, place and remedy."""
 
-import copy
 import json
 
 import numpy as np
 import pytest
-from builders.exports import same_turns
-from builders.kinect import LEFT, NAMES, START_USEC, STEP_USEC, UP, N, body, document, pelvis_path_m
+from builders.exports import FRAMES, KINECT, Walk, kinect, same_turns
 from builders.recordings import assert_refused
 from scipy.spatial.transform import Rotation
 
@@ -22,44 +20,42 @@ def write(path, content):
 
 @pytest.mark.parametrize(("pitch", "joint"), [(12.0, "nose"), (-20.0, "head")])
 def test_a_known_walk_is_read_back_level(tmp_path, pitch, joint):
-    path = write(tmp_path / "eva_R3.json", document(pitch))
+    path = write(tmp_path / "eva_R3.json", kinect(pitch))
     options = ReadOptions.model_validate({"kinect_camera_pitch_deg": pitch, "kinect_head_joint": joint})
     recording = load(path, options)
-    np.testing.assert_allclose(recording.times_s, np.arange(N) * STEP_USEC * 1e-6, atol=1e-9)
-    nose = Rotation.from_euler("z", -150.0, degrees=True).apply([0.12, 0.0, 0.02]) if joint == "nose" else 0.0
-    for track in (recording.measured, recording.truth):
-        np.testing.assert_allclose(track.pelvis_position_m, pelvis_path_m(), atol=1e-6)
-        np.testing.assert_allclose(track.head_position_m, pelvis_path_m() + 0.6 * UP + nose, atol=1e-6)
-        same_turns(track.pelvis_quat_wxyz, Rotation.from_euler("z", 170.0, degrees=True), 1e-4)
-        same_turns(track.head_quat_wxyz, Rotation.from_euler("z", -150.0, degrees=True), 1e-4)
+    np.testing.assert_allclose(recording.times_s, Walk.times_s, atol=1e-6)
+    track = recording.measured
+    np.testing.assert_allclose(track.pelvis_position_m, Walk.pelvis_m, atol=1e-6)
+    np.testing.assert_allclose(track.head_position_m, Walk.point_m(*KINECT[joint.upper()]), atol=1e-6)
+    same_turns(track.pelvis_quat_wxyz, Walk.pelvis, 1e-4)
+    same_turns(track.head_quat_wxyz, Walk.head, 1e-4)
     assert recording.has_robot
     assert recording.kind == "body tracking"
     assert (recording.name, recording.labels.subject, recording.labels.group) == ("eva_R3", "eva", "straight")
 
 
 def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path):
-    content = document()
-    for k in [0, 1, 10, 11, 12, N - 1]:
+    content = kinect()
+    for k in [0, 1, 10, 11, 12, FRAMES - 1]:
         content["frames"][k]["bodies"] = []
     recording = load(write(tmp_path / "a.json", content))
-    np.testing.assert_allclose(recording.times_s, np.arange(N - 3) * STEP_USEC * 1e-6, atol=1e-9)
+    np.testing.assert_allclose(recording.times_s, Walk.times_s[: FRAMES - 3], atol=1e-6)
     np.testing.assert_array_equal(np.flatnonzero(~recording.truth.valid), [8, 9, 10])
     for track in (recording.truth, recording.measured):
         for values in (track.head_position_m, track.pelvis_quat_wxyz):
             np.testing.assert_array_equal(np.isnan(values).any(axis=1), ~track.valid)
-    np.testing.assert_allclose(recording.truth.pelvis_position_m[-1], pelvis_path_m()[N - 2], atol=1e-6)
+    np.testing.assert_allclose(recording.measured.pelvis_position_m[-1], Walk.pelvis_m[FRAMES - 2], atol=1e-6)
 
 
 def test_of_several_bodies_the_longest_or_the_wanted_one_is_read(tmp_path):
-    content = document()
-    for frame, place in list(zip(content["frames"], pelvis_path_m(), strict=True))[5:30]:
-        frame["bodies"].insert(0, body(3, place - 2.0 * LEFT, 0.0, 0.0, 0.0))
+    content, other = kinect(), kinect(body_id=3, shift_m=[0.0, -2.0, 0.0])
+    for frame, more in list(zip(content["frames"], other["frames"], strict=True))[5:30]:
+        frame["bodies"].insert(0, more["bodies"][0])
     path = write(tmp_path / "a.json", content)
-    assert len(load(path).times_s) == N
-    other = load(path, ReadOptions(kinect_body_id=3))
-    assert len(other.times_s) == 25
-    np.testing.assert_allclose(other.truth.pelvis_position_m[:, 1], -1.0, atol=1e-9)
-    with pytest.raises(RecordingError, match=r"no body with id 5.*3 \(25 frames\), 7 \(40 frames\)"):
+    assert len(load(path).times_s) == FRAMES
+    found = load(path, ReadOptions(kinect_body_id=3)).measured.pelvis_position_m
+    np.testing.assert_allclose(found, Walk.pelvis_m[5:30] - [0.0, 2.0, 0.0], atol=1e-9)
+    with pytest.raises(RecordingError, match=r"no body with id 5.*3 \(25 frames\), 7 \(45 frames\)"):
         load(path, ReadOptions(kinect_body_id=5))
 
 
@@ -68,14 +64,14 @@ def joints(content, frame, key="joint_positions"):
 
 
 def _metres(content):
-    for k in range(N):
+    for k in range(FRAMES):
         joints(content, k)[:] = [[1e-3 * v for v in xyz] for xyz in joints(content, k)]
 
 
 def _turn_noses(content):
     """The axes of the joint NOSE are turned by 90 degrees about up."""
-    for k in range(N):
-        entry = joints(content, k, "joint_orientations")[NAMES.index("NOSE")]
+    for k in range(FRAMES):
+        entry = joints(content, k, "joint_orientations")[list(KINECT).index("NOSE")]
         turn = Rotation.from_quat(entry, scalar_first=True) * Rotation.from_euler("x", 90.0, degrees=True)
         entry[:] = turn.as_quat(scalar_first=True).tolist()
 
@@ -93,7 +89,7 @@ def _put(value, *keys):
     return change
 
 
-NOSE = NAMES.index("NOSE")
+NOSE = list(KINECT).index("NOSE")
 
 
 @pytest.mark.parametrize(
@@ -102,7 +98,7 @@ NOSE = NAMES.index("NOSE")
         (_put(None, "joint_names"), ["joint_names"]),
         (_put("SPINE", "joint_names", NOSE), ["joint_names", "NOSE"]),
         (_put(10**400, "frames", 4, "timestamp_usec"), ["frame 4", "timestamp_usec"]),
-        (_put(START_USEC + 3 * STEP_USEC, "frames", 4, "timestamp_usec"), ["frame 4", "frame 3"]),
+        (_put(5_000_100_000, "frames", 4, "timestamp_usec"), ["frame 4", "frame 3"]),
         (lambda content: joints(content, 4).pop(), ["frame 4, body 7", "5 joint_positions for 6"]),
         (_put("1", "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4", "joint_positions"]),
         (_put(None, "frames", 4, "bodies", 0, "joint_positions", NOSE, 1), ["frame 4, body 7", "NOSE", "y", "nan"]),
@@ -114,7 +110,7 @@ NOSE = NAMES.index("NOSE")
     ],
 )
 def test_damage_is_named(tmp_path, change, named):
-    content = copy.deepcopy(document())
+    content = kinect()
     change(content)
     path = write(tmp_path / "walk.json", content)
     assert_refused(path, str(path), *named)
