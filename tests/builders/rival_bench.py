@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from builders.robots import with_both
 from experiments.rivals.rival import Detection, HeadCamera, View
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.types import JointState
@@ -28,8 +29,7 @@ def camera(**changes):
 
 def neck_with(**changes):
     """The reference neck, with other values for both axes."""
-    axes = {axis: getattr(NECK, axis).model_copy(update=changes) for axis in ("pan", "tilt")}
-    return NECK.model_copy(update=axes)
+    return with_both(NECK, **changes)
 
 
 @dataclass

@@ -33,3 +33,8 @@ class Spied:
     def close(self):
         self.calls.append("close")
         self.inner.close()
+
+
+def with_both(neck, **changes):
+    """A neck with other values for pan and tilt."""
+    return neck.with_axes({name: getattr(neck, name).model_copy(update=changes) for name in ("pan", "tilt")})

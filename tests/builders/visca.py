@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from builders.robots import with_both
 from builders.waiting import wait_for
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.robots.options import ViscaOptions
@@ -17,9 +18,7 @@ from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, JointState
 
 PTZ = load_neck("ptz")
-QUICK = PTZ.model_copy(
-    update={axis: getattr(PTZ, axis).model_copy(update={"dead_time_s": 0.0}) for axis in ("pan", "tilt")}
-)
+QUICK = with_both(PTZ, dead_time_s=0.0)
 
 
 class BadNetwork:

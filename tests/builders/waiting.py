@@ -2,6 +2,8 @@
 
 import time
 
+from gazempc.errors import RobotError
+
 # A hang: nothing here takes so long, also beside other programs on a slow machine.
 FOREVER_S = 240.0
 
@@ -13,3 +15,11 @@ def wait_for(condition, timeout_s=60.0, step=lambda: time.sleep(0.005), why="wai
         assert time.monotonic() < until, why() if callable(why) else why
         step()
     return found
+
+
+def tried(call, *arguments):
+    """What a robot's method returns, or the error that it raises."""
+    try:
+        return call(*arguments)
+    except RobotError as error:
+        return error

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from builders.waiting import wait_for
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Engine
@@ -29,19 +30,12 @@ def working(folder, *more):
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
     )
     try:
-        await_true(lambda: len(log.read_text().splitlines()) >= 2 or process.poll() is not None)
+        wait_for(lambda: len(log.read_text().splitlines()) >= 2 or process.poll() is not None)
         yield process, [int(line.split()[1]) for line in log.read_text().splitlines()]
     finally:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-
-
-def await_true(condition):
-    give_up_s = time.monotonic() + HANG_S
-    while not condition():
-        assert time.monotonic() < give_up_s, "waited in vain"
-        time.sleep(0.01)
 
 
 def alive(pid):
@@ -82,7 +76,7 @@ def test_workers_of_a_command_that_ends_at_once_follow(signals, status, tmp_path
         for sent in signals:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(process.pid, sent)
-        await_true(lambda: not any(alive(pid) for pid in workers))
+        wait_for(lambda: not any(alive(pid) for pid in workers), HANG_S)
         process.communicate(timeout=HANG_S)
         assert process.returncode == status
 

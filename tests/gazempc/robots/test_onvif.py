@@ -6,6 +6,7 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
+from builders.robots import with_both
 from builders.visca import QUICK, feed
 from builders.waiting import wait_for
 
@@ -80,8 +81,7 @@ def test_positions_where_their_range_is_stated() -> None:
 
 
 def test_absolute_moves_for_a_neck_that_takes_angles() -> None:
-    joints = {axis: getattr(BLIND, axis).model_copy(update={"command": "position"}) for axis in ("pan", "tilt")}
-    neck = BLIND.model_copy(update=joints)
+    neck = with_both(BLIND, command="position")
     with pytest.raises(SettingsError, match="velocity"):
         OnvifCamera("127.0.0.1", neck, time.monotonic, OnvifOptions())
     with connected(neck, range_deg=(100.0, -100.0, -25.0, 25.0)) as (server, robot):

@@ -13,7 +13,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from builders.ports import free_port
-from builders.waiting import wait_for
+from builders.robots import with_both
+from builders.waiting import tried, wait_for
 from hypothesis import given
 from hypothesis import strategies as st
 from reachy_mini_server import daemon, recorded
@@ -26,26 +27,20 @@ from gazempc.robots.reachy_mini import ReachyMiniNeck
 from gazempc.robots.reachy_mini_pose import clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
-RANGE = {"position_min_deg": -170, "position_max_deg": 170}
-WIDE = NECK.with_axes({"pan": NECK.pan.model_copy(update=RANGE), "tilt": NECK.tilt.model_copy(update=RANGE)})
+WIDE = with_both(NECK, position_min_deg=-170, position_max_deg=170)
 SIDEWAYS = NECK.with_axes({"pan": NECK.pan.model_copy(update={"position_min_deg": 10.0})})
 AT_ONCE = {"approach_speed_rad_s": 1e9}
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5)).map(np.array)
 
 
 def works(neck, command=(0.0, 0.0)):
-    try:
-        return neck.send_command(np.array(command)).tolist()
-    except RobotError:
-        return None
+    sent = tried(neck.send_command, np.array(command))
+    return None if isinstance(sent, RobotError) else sent.tolist()
 
 
-def refusal(neck, call="send"):
-    try:
-        neck.send_command(np.zeros(2)) if call == "send" else neck.read_state()
-    except RobotError as error:
-        return str(error)
-    return None
+def refusal(neck, call="send_command"):
+    answer = tried(neck.send_command, np.zeros(2)) if call == "send_command" else tried(neck.read_state)
+    return str(answer) if isinstance(answer, RobotError) else None
 
 
 @pytest.fixture
@@ -230,7 +225,7 @@ def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(se
     while not np.array_equal(neck.send_command(np.array([0.3, 0.0])), [0.3, 0.0]):
         pass
     server.stop()
-    for call in ("send", "read"):
+    for call in ("send_command", "read_state"):
         message = wait_for(lambda c=call: refusal(neck, c))
         assert f"ws://127.0.0.1:{server.port}/ws/sdk" in message
     before = len(server.commands())
@@ -349,15 +344,7 @@ def real_port(tmp_path_factory):
 
 def test_the_daemons_simulated_head_goes_where_it_is_sent(real_port):
     neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=real_port))
-
-    def connected():
-        try:
-            neck.connect()
-        except RobotError:
-            return False
-        return True
-
-    wait_for(connected, 90.0)
+    wait_for(lambda: not isinstance(tried(neck.connect), RobotError), 90.0)
     # Its own wake-up move comes first: targets are ignored meanwhile.
     time.sleep(4.0)
     try:

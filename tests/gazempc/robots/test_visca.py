@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 import numpy as np
 import pytest
 from builders.visca import PTZ, QUICK, BadNetwork, camera, connected, feed
-from builders.waiting import wait_for
+from builders.waiting import tried, wait_for
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -185,15 +185,7 @@ def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
         server.silent = False
         wait_for(lambda: len(server.driven) > before)
         assert server.driven[before][1:] == (0, 0)
-
-        def answers() -> bool:
-            try:
-                robot.send_command(np.array([0.0, 0.0]))
-            except RobotError:
-                return False
-            return True
-
-        wait_for(answers)
+        wait_for(lambda: not isinstance(tried(robot.send_command, np.zeros(2)), RobotError))
         feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
 
 
