@@ -69,6 +69,11 @@ def ramp(rate_deg_s, start_deg=0.0):
     return lambda time_s: (start_deg + rate_deg_s * time_s, 0.0)
 
 
+def first_frame_only(time_s):
+    """Whether a frame shows the face, where only the first one does."""
+    return time_s < 0.005
+
+
 def offset_of(person_deg, head_rad, view):
     """Place of a direction in the image, by turning it into the camera's frame; None behind it."""
     pan, tilt = np.deg2rad(person_deg)

@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
-from builders.rival_bench import CAMERA, NECK, Plant, camera, neck_with, ramp, run, standing
+from builders.rival_bench import CAMERA, NECK, Plant, camera, first_frame_only, neck_with, ramp, run, standing
 
 from experiments.rivals.laws import RIVALS
 from experiments.rivals.laws.robots import Humotion, IKinGazeCtrl, Op3, Pr2PointHead, limits_for
 from experiments.rivals.laws.smith import Smith, SmithFeedForward
 
 DIRECT = camera(latency_s=0.0, rate_hz=100.0)
-
-
-def first_frame_only(time_s):
-    return time_s < 0.005
 
 
 def test_op3_goes_0_6_of_the_error_with_minimum_jerk():

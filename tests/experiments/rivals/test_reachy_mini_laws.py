@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from builders.rival_bench import CAMERA, NECK, Plant, camera, ramp, run, standing
+from builders.rival_bench import CAMERA, NECK, Plant, camera, first_frame_only, ramp, run, standing
 
 from experiments.rivals.laws.reachy_mini import (
     ConversationApp,
@@ -16,10 +16,6 @@ from experiments.rivals.rival import Detection
 
 def face(offset=(0.0, 0.0), capture_s=0.0):
     return Detection(capture_s, capture_s + 0.1, np.array(offset), 1.5, np.array([90.0, 120.0]))
-
-
-def first_frame_only(time_s):
-    return time_s < 0.01
 
 
 def test_a_still_target_is_eased_to_with_a_time_constant_of_0_123_s():

@@ -1,5 +1,7 @@
 """Files as other programs export them: each is read without an option, and gives back the walk that was written."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from builders import exports
@@ -29,15 +31,20 @@ def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=N
         np.testing.assert_allclose(track.pelvis_position_m, pelvis_m, atol=2e-6)
 
 
-@pytest.mark.parametrize("unit", ["Millimeters", "Meters"])
-def test_motive_rigid_body(tmp_path, unit):
-    recording = load(exports.motive(tmp_path / "a.csv", unit=unit))
+@pytest.mark.parametrize(
+    "write", [exports.motive, partial(exports.motive, unit="Meters"), exports.vicon_object, exports.rostopic]
+)
+def test_heads_alone(tmp_path, write):
+    recording = load(write(tmp_path / "a.csv"))
     check(recording)
     assert not recording.has_robot
 
 
-def test_motive_skeleton(tmp_path):
-    check(load(exports.motive(tmp_path / "a.csv", "Anna", skeleton=True)), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
+@pytest.mark.parametrize(
+    ("name", "write"), [("a.csv", partial(exports.motive, name="Anna", skeleton=True)), ("a.mvnx", exports.mvnx)]
+)
+def test_skeletons(tmp_path, name, write):
+    check(load(write(tmp_path / name)), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
 
 
 def test_euler_angles_of_motive_are_left_out_and_named(tmp_path):
@@ -74,14 +81,6 @@ def test_vicon_markers(tmp_path):
     np.testing.assert_allclose(np.diff(recording.times_s), 1 / 30, atol=1e-9)
 
 
-def test_vicon_tracker_object(tmp_path):
-    check(load(exports.vicon_object(tmp_path / "a.csv")))
-
-
-def test_xsens_mvnx(tmp_path):
-    check(load(exports.mvnx(tmp_path / "a.mvnx")), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
-
-
 @pytest.mark.parametrize(
     ("kind", "frame"),
     [("pose", OPTICAL), ("point", "base_link"), ("transform", "map"), ("covariance", OPTICAL)],
@@ -111,12 +110,6 @@ def test_mediapipe_world_landmarks(tmp_path, names):
     recording = load(exports.mediapipe(path, names) if names else exports.mediapipe_long(path))
     hips_m = np.tile([0.0, 0.0, 0.95], (exports.FRAMES, 1))
     check(recording, Walk.point_m("head", [0.1, 0.0, 0.0]) - Walk.pelvis_m + hips_m, Walk.head, hips_m, Walk.pelvis)
-
-
-def test_rostopic_of_ros_1(tmp_path):
-    recording = load(exports.rostopic(tmp_path / "a.csv"))
-    check(recording)
-    assert not recording.has_robot
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])

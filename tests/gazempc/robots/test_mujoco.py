@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from builders.robots import with_both
 from scipy import signal
 
 from gazempc.errors import RobotError
@@ -19,14 +20,6 @@ from gazempc.sim.simulated import SimulatedNeck
 
 NECK = load_neck("reference")
 GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.07, 0.01, 0.05), eye_in_tilt_m=(0.06, -0.03, 0.08))
-
-
-def changed(pan=None, tilt=None, neck=NECK, **both):
-    """The neck with other values for one or both joints."""
-    axes = {
-        name: getattr(neck, name).model_copy(update=both | (own or {})) for name, own in (("pan", pan), ("tilt", tilt))
-    }
-    return neck.model_copy(update=axes)
 
 
 class Clock:
@@ -76,7 +69,7 @@ def rms_deg(a, b):
 
 @pytest.mark.parametrize(("damping_ratio", "dead_time_s"), [(0.4, 0.4), (0.9, 0.0), (3.0, 0.4)])
 def test_a_step_is_answered_by_the_second_order_response_after_the_dead_time(damping_ratio, dead_time_s):
-    neck = changed(damping_ratio=damping_ratio, dead_time_s=dead_time_s)
+    neck = with_both(NECK, damping_ratio=damping_ratio, dead_time_s=dead_time_s)
     step_rad = np.deg2rad([30.0, -20.0])
     times, positions = drive(mujoco_neck, neck, lambda t: step_rad, 3.0)
     for i, axis in enumerate(neck.axes):
@@ -94,7 +87,7 @@ def test_a_head_that_leans_out_less_pans_faster_by_the_parallel_axis_theorem():
     """Physics that our own simulation lacks: tilted up by 45 deg, the head's mass is nearer to the pan axis."""
     reach_m, tilt_rad = 0.4, np.deg2rad(45.0)
     geometry = Geometry(eye_in_tilt_m=(reach_m, 0.0, 0.0))
-    neck = changed(dead_time_s=0.0).model_copy(update={"geometry": geometry})
+    neck = with_both(NECK, dead_time_s=0.0).model_copy(update={"geometry": geometry})
     wn, zeta = neck.pan.natural_frequency_rad_s, neck.pan.damping_ratio
     times, positions = drive(mujoco_neck, neck, lambda t: (0.5, tilt_rad), 2.0, (0.0, tilt_rad))
     # Head 1 kg, gears 0.1 kg m^2; the ball's and the yoke's own inertia besides. The servo's gains are for tilt 0.
@@ -112,7 +105,7 @@ def test_a_head_that_leans_out_less_pans_faster_by_the_parallel_axis_theorem():
 
 def test_the_joints_stop_at_the_ends_of_their_range():
     """Hardly damped servos sent to the end of the range would swing 50 % past it; there is a stop."""
-    neck = changed(damping_ratio=0.2, dead_time_s=0.1)
+    neck = with_both(NECK, damping_ratio=0.2, dead_time_s=0.1)
     _, free = drive(simulated_neck, neck, lambda t: neck.position_max_rad, 3.0)
     _, stopped = drive(mujoco_neck, neck, lambda t: neck.position_max_rad, 3.0)
     over_deg = np.rad2deg((stopped - neck.position_max_rad).max(axis=0))
@@ -122,7 +115,8 @@ def test_the_joints_stop_at_the_ends_of_their_range():
 
 
 def test_a_load_moves_where_it_settles_and_encoders_have_their_noise():
-    neck = changed(pan={"load_offset_deg": 2.0}, tilt={"load_offset_deg": -1.0, "encoder_noise_deg": 0.1})
+    loads = {"pan": {"load_offset_deg": 2.0}, "tilt": {"load_offset_deg": -1.0, "encoder_noise_deg": 0.1}}
+    neck = NECK.with_axes({name: getattr(NECK, name).model_copy(update=load) for name, load in loads.items()})
     _, positions = drive(mujoco_neck, neck, lambda t: (0.3, 0.2), 3.0)
     assert np.rad2deg(positions[0]) == pytest.approx([2.0, -1.0])
     assert np.rad2deg(positions[-1] - [0.3, 0.2]) == pytest.approx([2.0, -1.0], abs=1e-6)
