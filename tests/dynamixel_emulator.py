@@ -124,11 +124,6 @@ class Motor:
             self.set("velocity", int(way / 2))
         return 0
 
-    def shut_down(self, bits):
-        """Hardware error: torque off until a restart."""
-        self.set("hardware_error", bits)
-        self.set("torque", 0)
-
 
 class Bus:
     """Motors by id, behind a link that keeps its name over disconnections, as a rule of udev would.

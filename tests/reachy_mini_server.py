@@ -26,7 +26,6 @@ class Daemon:
         self.frames = {kind: recorded("received", kind)[0][1] for kind in kinds}
         self.extra = []
         self.received = []
-        self.handshakes = 0
         self.silent = False
         self.deaf = threading.Event()
         self._connections = set()
@@ -53,10 +52,6 @@ class Daemon:
         self.deaf.clear()
         self._server.shutdown()
         self._thread.join()
-        self.kick()
-
-    def kick(self):
-        """Close all connections; new ones are accepted."""
         for connection in list(self._connections):
             connection.close()
 
@@ -69,7 +64,6 @@ class Daemon:
         return list(self.received)
 
     def _handle(self, connection):
-        self.handshakes += 1
         self._connections.add(connection)
         sender = threading.Thread(target=self._stream, args=(connection,))
         sender.start()

@@ -50,9 +50,9 @@ def alive(pid):
 @pytest.mark.parametrize(
     ("sent", "to"),
     [(signal.SIGINT, os.killpg), (signal.SIGTERM, os.kill)],
-    ids=["Ctrl-C, to all processes of the terminal", "SIGTERM, to the command"],
 )
 def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, tmp_path):
+    """Ctrl-C goes to all processes of the terminal, SIGTERM to the command."""
     with working(tmp_path) as (process, workers):
         assert len(workers) == 2
         to(process.pid, sent)

@@ -25,8 +25,7 @@ ROW_NAMES = {
 
 def run_of(rival: str, contact: float, constants: str = "", error_deg: float = 9.0, **labels):
     row = dict.fromkeys(FIGURES) | {"eye_contact_2p6": contact, "gaze_error_rms_deg": error_deg, "rival": rival}
-    row |= {"rms_acceleration_rad_s2": 1.0}
-    row |= {"constants": constants, "subject": "a"}
+    row |= {"rms_acceleration_rad_s2": 1.0, "constants": constants, "subject": "a"}
     return row | {"trial": "turns", "neck": "n", "sensor": "s", "recording": "w1"} | labels
 
 

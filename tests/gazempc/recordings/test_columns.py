@@ -129,7 +129,6 @@ def test_orientations_from_points(tmp_path, columns):
 
 START_S = 1_714_557_600.0
 TIMES = {
-    "t=when:ms": 1e3 * T,
     "t=when:ns": 1e9 * (START_S + T),
     "t=when:30hz": np.arange(float(T.size)) * 2 + 7,
     "t=:30hz": 0 * T,

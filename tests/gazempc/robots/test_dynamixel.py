@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders.robots import with_both
 from dynamixel_emulator import STATUS, Bus, Motor, packet
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,13 +22,10 @@ from gazempc.neck.spec import load_neck
 from gazempc.robots.dynamixel import DynamixelNeck
 from gazempc.robots.options import DynamixelOptions
 
-REFERENCE = load_neck("reference")
-QUICK = {"dead_time_s": 0.02, "natural_frequency_rad_s": 60.0, "damping_ratio": 1.0}
 # Pan ends 0.9 ticks beyond a whole one: rounded to the nearest, a command at the limit would leave the range.
 ENDS = {"position_min_deg": -80.06, "position_max_deg": 80.06}
-NECK = REFERENCE.model_copy(
-    update={"pan": REFERENCE.pan.model_copy(update=QUICK | ENDS), "tilt": REFERENCE.tilt.model_copy(update=QUICK)}
-)
+NECK = with_both(load_neck("reference"), dead_time_s=0.02, natural_frequency_rad_s=60.0, damping_ratio=1.0)
+NECK = NECK.with_axes({"pan": NECK.pan.model_copy(update=ENDS)})
 TICK_RAD = 2 * math.pi / 4096
 # Long enough for a busy machine: an answer that is not lost is never late. Tests that lose some wait less.
 PATIENT_MS, HASTY_MS = 2000.0, 200.0
@@ -231,7 +229,8 @@ def test_noise_without_end_does_not_hold_the_caller(tmp_path):
 
 
 def test_a_hardware_error_is_named_and_the_motor_is_not_restarted_by_itself(rig):
-    rig.motors[2].shut_down(0b100100)
+    rig.motors[2].set("hardware_error", 0b100100)
+    rig.motors[2].set("torque", 0)
     for _ in range(5):
         rig.refuses(r"motor 2 \(tilt\).*overheating, overload")
         rig.now_s += 0.11
