@@ -130,6 +130,7 @@ def test_orientations_from_points(tmp_path, columns):
 START_S = 1_714_557_600.0
 TIMES = {
     "t=when:ns": 1e9 * (START_S + T),
+    "t=when:min": T / 60.0,
     "t=when:30hz": np.arange(float(T.size)) * 2 + 7,
     "t=:30hz": 0 * T,
     "t=when:date": [f"2024-05-01T10:00:{s:09.6f}" for s in T],
