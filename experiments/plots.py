@@ -80,7 +80,7 @@ def draw(
         log_y: Whether the y axis is logarithmic.
     """
     single, columns = len(plots) == 1, len(plots) // rows
-    width_inches = 7.0 if single else 3.0 * columns + 0.6
+    width_inches = 7.0 if single else 3.0 * columns + 2.4
     with readable(width_inches):
         figure = Figure(figsize=(width_inches, 4.4 if single else 3.6 * rows), layout="constrained")
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
@@ -104,7 +104,8 @@ def draw(
             panels[0, 0].legend(framealpha=0.85, edgecolor="none", fontsize="small", title=plots[0].legend)
         else:
             handles, labels = panels[0, 0].get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False, fontsize="small")
+            # Beside panels: a legend of many columns would be wider than the figure.
+            figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize="small")
         figure.supxlabel(about, fontsize="small", color="0.4")
         figure.savefig(path, dpi=DPI)
 
