@@ -10,7 +10,7 @@ from builders.replays import replayed
 
 from experiments.engine.command import find_recordings
 from gazempc.controllers.controller import CommandState, Situation
-from gazempc.controllers.mpc.mpc import Mpc
+from gazempc.controllers.mpc.mpc import LONGEST_TIME_S, Mpc
 from gazempc.errors import LeftOutError, PlacementError
 from gazempc.neck.ahead import settled_joints
 from gazempc.neck.kinematics import gaze_ray, look_at_rad
@@ -180,6 +180,7 @@ class Listener(Mpc):
     """An MPC that keeps what its programs were given in every plan for which `wanted` says so."""
 
     def __init__(self, neck, smoothing_time_s, acquisition_time_s, **settings):
+        smoothing_time_s = smoothing_time_s or LONGEST_TIME_S  # of these necks
         super().__init__(neck, smoothing_time_s=smoothing_time_s, acquisition_time_s=acquisition_time_s, **settings)
         self.kept, self.wanted, self._calls = [], lambda situation: True, []
         self.lengths = tuple(self.ocps[0].model.lengths.astype(int).tolist())
