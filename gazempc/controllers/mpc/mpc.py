@@ -26,8 +26,8 @@ from gazempc.types import FloatArray
 _PLAN_S = 0.4
 # Default of T. Unforeseen motion is followed with a delay of dead time, lag and about 1.4 T, so T is limited to a share
 # of dead time and lag: for the neck `reachy_mini` (0.12 s) T = 0.12 s has a fifth more error than 0.074 s before people
-# who sit and stand (nine bags of a face tracker). Below 0.07 s the overshoot of a step at the acceleration limit exceeds
-# 5 %.
+# who sit and stand (nine bags of a face tracker). Below 0.07 s the overshoot of a step at the acceleration limit
+# exceeds 5 %.
 LONGEST_TIME_S, SHORTEST_TIME_S = 0.12, 0.07
 _SHARE_OF_DELAY = 0.62
 # The head of a neck with eyes: smooth, as the eyes make up for it.
