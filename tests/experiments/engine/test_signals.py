@@ -68,8 +68,8 @@ def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, t
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("signals", "status"), [([signal.SIGINT] * 2, 130), ([signal.SIGKILL], -signal.SIGKILL)])
-def test_workers_of_a_command_that_ends_at_once_follow(signals, status, tmp_path):
+@pytest.mark.parametrize("signals", [[signal.SIGINT] * 2, [signal.SIGKILL]])
+def test_workers_of_a_command_that_ends_at_once_follow(signals, tmp_path):
     """By a second Ctrl-C, or killed."""
     with working(tmp_path) as (process, workers):
         assert all(alive(pid) for pid in workers)
@@ -78,7 +78,8 @@ def test_workers_of_a_command_that_ends_at_once_follow(signals, status, tmp_path
                 os.kill(process.pid, sent)
         wait_for(lambda: not any(alive(pid) for pid in workers), HANG_S)
         process.communicate(timeout=HANG_S)
-        assert process.returncode == status
+        # In the last moments of the interpreter a signal has its default action; a shell reports 128 + signal for both.
+        assert process.returncode in {-signals[0], 128 + signals[0]}
 
 
 STUBBORN = """
