@@ -122,21 +122,24 @@ def _networks(
     left_out: Sequence[str | None],
 ) -> tuple[list[WalkerModel], list[Examples]]:
     folder = settings.out / "runs"
-    with Engine(folder, settings.jobs, settings.dask, unit="job", total=2 * (len(paths) + len(left_out))) as engine:
+    total = 3 * (len(paths) + len(left_out))
+    with Engine(folder, settings.jobs, settings.dask, unit="job", total=total) as engine:
         examples = [ExamplesJob(in_place(path), settings.seed, settings.variants, tracker) for path in paths]
-        _check(engine.run(examples))
+        # Fewer are enough: they differ in the walk alone.
+        precise = [replace(job, variants=max(job.variants // 2, 1), precise=True) for job in examples]
+        _check(engine.run([*examples, *precise]))
         # Other chance than in the examples that networks are fitted on.
         scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0, tracker) for path in paths]
         scored = [examples_of(row) for row in _check(engine.run(scoring))]
-        files = [Cache(folder.resolve()).path(job.key()) for job in examples]
+        cache = Cache(folder.resolve())
         jobs = []
         for person in left_out:
-            used = [file for file, name in zip(files, people, strict=True) if name != person and file is not None]
-            own = settings.seed, settings.networks, settings.steps
-            jobs += [NetworksJob(tuple(used), *own, sees_yaws) for sees_yaws in (True, False)]
+            for made, sees_yaws in ((examples, True), (examples, False), (precise, True)):
+                used = [job for job, name in zip(made, people, strict=True) if name != person]
+                files = tuple(cache.path(job.key()) for job in used)
+                jobs.append(NetworksJob(files, settings.seed, settings.networks, settings.steps, sees_yaws))
         rows = _check(engine.run(jobs))
-        pairs = zip(rows[::2], rows[1::2], jobs[::2], strict=True)
-        models = [model_of(seeing, blind, job.key()) for seeing, blind, job in pairs]
+        models = [model_of(rows[k : k + 3], jobs[k].key()) for k in range(0, len(rows), 3)]
         return models, scored
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway, vary_standing
-from experiments.fit.trackers import beside, draw_tracker, seen_through, wobble
+from experiments.fit.trackers import beside, draw_precise_tracker, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
@@ -19,7 +19,7 @@ from gazempc.sim.sensing.tables import YawError
 from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors import HeadObservation
 from predictors.walker.features import N_INPUTS
-from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WalkerModel
+from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, Ensemble, WalkerModel
 from predictors.walker.predictor import Walker
 
 # Of three variants two are of the walk as it was recorded, one at another pace and gait: with fewer of the first,
@@ -43,7 +43,8 @@ _SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
 _NO_WEIGHTS = (np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),)
 _NO_BIASES = (np.zeros((1, 1, N_OUTPUTS), dtype=np.float32),)
-_BLANK = WalkerModel(_NO_WEIGHTS, _NO_BIASES, _NO_WEIGHTS, _NO_BIASES, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
+_NOTHING = Ensemble(_NO_WEIGHTS, _NO_BIASES)
+_BLANK = WalkerModel(_NOTHING, _NOTHING, _NOTHING, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,9 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     return Examples(np.array(network, dtype=np.float16), *(np.array(each, dtype=np.float32) for each in others))
 
 
-def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | None = None) -> Examples:
+def fitting_examples(
+    path: str, seed: int, variants: int, tracker: SensorSpec | None = None, precise: bool = False
+) -> Examples:
     """Examples of a recording and its variants, each seen through a tracker.
 
     Args:
@@ -123,6 +126,7 @@ def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | 
         seed: Seed of all that is random, with the recording's name.
         variants: How many variants to make.
         tracker: The tracker; without it, each variant has one drawn at random.
+        precise: Whether those are trackers with little error.
 
     Returns:
         The examples.
@@ -131,7 +135,8 @@ def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | 
         GazempcError: If the recording cannot be read, is too short, or no person walks in it.
     """
     name, walk, rng, stands = _walk_and_chance(path, seed)
-    return _joined(_variants(walk, rng, [_PLAIN[k % len(_PLAIN)] for k in range(variants)], tracker, stands), name)
+    plain = [_PLAIN[k % len(_PLAIN)] for k in range(variants)]
+    return _joined(_variants(walk, rng, plain, tracker, stands, precise), name)
 
 
 def _variants(
@@ -139,7 +144,8 @@ def _variants(
     rng: np.random.Generator,
     plain: Sequence[bool],
     given: SensorSpec | None,
-    stands: bool = False,
+    stands: bool,
+    precise: bool = False,
 ) -> list[Examples]:
     straight = is_straight(walk)
     parts = []
@@ -150,7 +156,12 @@ def _variants(
             varied, bent = _variant(walk, straight, each, rng)
         if varied.times_s.size < _FEWEST_FRAMES:
             continue
-        tracker, sensor = ("given", given) if given else draw_tracker(rng, "plain" if each else "other")
+        if given:
+            tracker, sensor = "given", given
+        elif precise:
+            tracker, sensor = draw_precise_tracker(rng)
+        else:
+            tracker, sensor = draw_tracker(rng, "plain" if each else "other")
         if tracker == "street":
             varied = flatten(varied)
             if rng.random() < _WOBBLE_SHARE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib.metadata import distributions
 from itertools import pairwise
@@ -175,12 +176,14 @@ class ExamplesJob:
         seed: Seed of all that is random.
         variants: How many variants to fit networks on; 0 for the examples that errors are measured on.
         tracker: The tracker that all walks are seen through; None for many.
+        precise: Whether those have little error.
     """
 
     recording: str
     seed: int
     variants: int
     tracker: SensorSpec | None
+    precise: bool = False
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
@@ -189,7 +192,7 @@ class ExamplesJob:
     def run(self) -> Row:
         """The examples, array by array."""
         if self.variants:
-            return vars(fitting_examples(self.recording, self.seed, self.variants, self.tracker))
+            return vars(fitting_examples(self.recording, self.seed, self.variants, self.tracker, self.precise))
         return vars(scoring_examples(self.recording, self.seed, self.tracker))
 
 
@@ -230,22 +233,20 @@ def examples_of(row: Row) -> Examples:
     return Examples(**{f.name: row[f.name] for f in fields(Examples)})
 
 
-def model_of(seeing: Row, blind: Row, key: str) -> walker.WalkerModel:
+def model_of(ensembles: Sequence[Row], key: str) -> walker.WalkerModel:
     """A model without a fitted uncertainty.
 
     Args:
-        seeing: Result of `NetworksJob` with orientations.
-        blind: Its result without.
+        ensembles: Results of `NetworksJob`: with orientations, without, and for precise trackers.
         key: Key of the first.
 
     Returns:
         The model.
     """
-    layers = range(sum(name.startswith("weights_") for name in seeing))
-    weights, biases, blind_weights, blind_biases = (
-        tuple(row[f"{what}_{i}"] for i in layers) for row in (seeing, blind) for what in ("weights", "biases")
+    layers = range(sum(name.startswith("weights_") for name in ensembles[0]))
+    seeing, blind, precise = (
+        walker.Ensemble(*(tuple(row[f"{what}_{i}"] for i in layers) for what in ("weights", "biases")))
+        for row in ensembles
     )
     no_spread = np.zeros((walker.N_DOUBT, walker.KNOTS_S.size, 3))
-    return walker.WalkerModel(
-        weights, biases, blind_weights, blind_biases, no_spread, decision=_DECISION, about={"key": key}
-    )
+    return walker.WalkerModel(seeing, blind, precise, no_spread, decision=_DECISION, about={"key": key})

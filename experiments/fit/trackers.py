@@ -22,6 +22,8 @@ _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Share of trackers that see walks as they were recorded by kind of error, and of those that see other walks.
 KINDS = ("white", "wander", "camera", "jumps", "street")
 _SHARES = {"plain": (0.47, 0.24, 0.25, 0.04, 0.0), "other": (0.30, 0.15, 0.20, 0.0, 0.35)}
+# Precise trackers, such as motion capture: white errors of position and yaws.
+_PRECISE_M, _PRECISE_YAW_DEG = (0.0, 0.0, 0.0005, 0.001, 0.002, 0.003), (0.0, 0.0, 0.5, 1.0, 2.0)
 # Both orientations, none, the head's, the pelvis's.
 _ORIENTATIONS, _ORIENTATION_SHARES = (
     ((True, True), (False, False), (True, False), (False, True)),
@@ -50,6 +52,15 @@ _NEAREST_M, _FARTHEST_M = 0.8, 5.0
 # Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.
 _FINE_HZ = 120.0
 _USUAL_HZ = 30.0
+
+
+def draw_precise_tracker(rng: np.random.Generator) -> tuple[str, SensorSpec]:
+    """A tracker with little error at random: its kind, and the tracker."""
+    fields: dict[str, Any] = {"rate_hz": _draw_rate_hz(rng), "position_noise_m": float(rng.choice(_PRECISE_M))}
+    fields["yaw_noise_deg"] = float(rng.choice(_PRECISE_YAW_DEG))
+    return "white", SensorSpec(
+        name="precise", source="drawn at random", latency_s=0.0, **fields, **_faults(rng, "white", fields)
+    )
 
 
 def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]:

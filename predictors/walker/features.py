@@ -46,8 +46,30 @@ N_INPUTS = _MEMORIES.stop
 KNOWN = slice(_SCALARS + 7, _SCALARS + 9)
 # Inputs for the error of the observed position: correlation of along and across; logarithms of its sizes.
 CORRELATION, LOG_SD = _SCALARS + 2, slice(_SCALARS + 9, _SCALARS + 12)
+_WANDER = _COLOURS.start + 2
 OF_YAWS = np.r_[_YAWS, _SCALARS : _SCALARS + 2, KNOWN, _COLOURS.start + 6 : _COLOURS.stop]
 N_SPREAD = 12 + N_ERRORS + N_COLOURS
+
+
+# Errors of a precise tracker, such as motion capture, metres: full weight and none. White error of the position, and
+# third differences over four frames, which are below 7 mm where there is no more than gait, and 10 to 14 mm with the
+# wander of a body tracker.
+_PRECISE_M = ((0.004, 0.006), (0.008, 0.012))
+_PRECISE = np.log(np.array(_PRECISE_M).T / NOISE_SCALE_M)
+
+
+def precision(network: FloatArray) -> FloatArray:
+    """Weight of the networks for precise trackers.
+
+    Args:
+        network: Inputs of the networks, shape (N, N_INPUTS).
+
+    Returns:
+        Shape (N,), 0 to 1, by the measured or stated error of the tracker.
+    """
+    sizes = np.stack([network[:, LOG_SD].mean(axis=1), network[:, _WANDER]], axis=1)
+    weights = np.minimum(np.maximum((_PRECISE[1] - sizes) / (_PRECISE[1] - _PRECISE[0]), 0.0), 1.0)
+    return np.asarray(weights[:, 0] * weights[:, 1])
 
 
 def _mirror() -> FloatArray:

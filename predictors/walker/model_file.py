@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from predictors.walker.network import WalkerModel, WalkerModelError
+from predictors.walker.network import Ensemble, WalkerModel, WalkerModelError
 
 SHIPPED = Path(__file__).with_name("walker.npz")
-_LAYERS = ("weights", "biases", "blind_weights", "blind_biases")
+_ENSEMBLES = ("seeing", "blind", "precise")
 _WHOLE = ("log_spread", "hidden", "log_spread_hidden", "noise_share", "decision", "degrees_of_freedom")
 
 
@@ -26,8 +26,11 @@ def save_walker_model(model: WalkerModel, path: Path) -> None:
         path: The file.
     """
     arrays: dict[str, Any] = {name: getattr(model, name) for name in _WHOLE} | {"about": json.dumps(model.about)}
-    for name in _LAYERS:
-        arrays |= {f"{name}_{i}": layer.astype(np.float32) for i, layer in enumerate(getattr(model, name))}
+    for name in _ENSEMBLES:
+        ensemble = getattr(model, name)
+        for what in ("weights", "biases"):
+            layers = getattr(ensemble, what)
+            arrays |= {f"{name}_{what}_{i}": layer.astype(np.float32) for i, layer in enumerate(layers)}
     np.savez_compressed(path, **arrays)
 
 
@@ -45,15 +48,20 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
     """
     try:
         with np.load(path, allow_pickle=False) as data:
-            layers = range(sum(name.startswith("weights_") for name in data.files))
+            layers = range(sum(name.startswith("seeing_weights_") for name in data.files))
             about = json.loads(str(data["about"]))
             if not isinstance(about, dict):
                 raise WalkerModelError("'about' is no mapping")
-            stacks: dict[str, Any] = {name: tuple(data[f"{name}_{i}"] for i in layers) for name in _LAYERS}
-            whole = {name: data[name] for name in _WHOLE}
+            ensembles: dict[str, Any] = {
+                name: Ensemble(*(tuple(data[f"{name}_{what}_{i}"] for i in layers) for what in ("weights", "biases")))
+                for name in _ENSEMBLES
+            }
+            whole: dict[str, Any] = {name: data[name] for name in _WHOLE}
             slope, threshold = whole.pop("decision").tolist()
             freedom = float(whole.pop("degrees_of_freedom"))
-            return WalkerModel(**stacks, **whole, decision=(slope, threshold), degrees_of_freedom=freedom, about=about)
+            return WalkerModel(
+                **ensembles, **whole, decision=(slope, threshold), degrees_of_freedom=freedom, about=about
+            )
     except OSError as error:
         raise WalkerModelError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (KeyError, IndexError, TypeError, ValueError, zipfile.BadZipFile, zlib.error, EOFError) as error:

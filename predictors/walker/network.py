@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from predictors.types import FloatArray
-from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
+from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD, precision
 from predictors.walker.memories import N_PLACES
 
 Float32Array = NDArray[np.float32]
@@ -84,33 +85,59 @@ class Regimes:
         evidence: FloatArray = np.add.reduce(self.logit, axis=0) / len(self.logit)
         return evidence
 
-    def blended(self, other: Regimes, share: FloatArray) -> Regimes:
-        """Weighted mean with the answers of another ensemble.
+    @staticmethod
+    def mean(parts: list[tuple[Regimes, FloatArray]]) -> Regimes:
+        """Weighted mean of the answers of several ensembles.
 
         Args:
-            other: The other answers.
-            share: Weight of these here, shape (N,), 0 to 1.
+            parts: Answers and their weights, shape (N,), which add up to one.
         """
-        part = share[:, None, None]
+        if len(parts) == 1:
+            return parts[0][0]
         return Regimes(
-            part * self.walk_m + (1.0 - part) * other.walk_m,
-            part * self.stay_m + (1.0 - part) * other.stay_m,
-            share * self.logit + (1.0 - share) * other.logit,
+            _sum(share[:, None, None] * answers.walk_m for answers, share in parts),
+            _sum(share[:, None, None] * answers.stay_m for answers, share in parts),
+            _sum(share * answers.logit for answers, share in parts),
         )
 
 
-class _Networks:
-    """An ensemble of networks, evaluated together.
+def _sum(arrays: Iterable[FloatArray]) -> FloatArray:
+    return reduce(np.add, arrays)
 
-    Args:
-        weights: One array a layer, shape (E, inputs, outputs).
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Networks of equal shape, evaluated together.
+
+    Attributes:
+        weights: One array a layer, shape (E, inputs, outputs): E networks side by side.
         biases: One array a layer, shape (E, 1, outputs).
+
+    Raises:
+        WalkerModelError: If a shape is wrong or a number is not finite.
     """
 
-    def __init__(self, weights: tuple[Float32Array, ...], biases: tuple[Float32Array, ...]) -> None:
-        self._weights, self._biases = weights, biases
+    weights: tuple[Float32Array, ...]
+    biases: tuple[Float32Array, ...]
+
+    def __post_init__(self) -> None:
+        if not self.weights or len(self.weights) != len(self.biases):
+            raise WalkerModelError("a network needs one bias a layer")
+        ensemble = self.weights[0].shape[0] if self.weights[0].ndim else 0
+        n = N_INPUTS
+        for w, b in zip(self.weights, self.biases, strict=True):
+            if w.ndim != 3 or w.shape[:2] != (ensemble, n) or b.shape != (ensemble, 1, w.shape[2]):
+                raise WalkerModelError(f"layer of shape {w.shape} with bias {b.shape} does not take {n} inputs")
+            n = w.shape[2]
+        if n != N_OUTPUTS:
+            raise WalkerModelError(f"{n} outputs, expected {N_OUTPUTS}")
+        if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
+            raise WalkerModelError("a number is not finite")
+
+    @cached_property
+    def _first(self) -> Float32Array:
         # All first layers have the same inputs: one product for the ensemble, most of the computation.
-        self._first = np.concatenate(list(weights[0]), axis=1)
+        return np.concatenate(list(self.weights[0]), axis=1)
 
     def __call__(self, network: FloatArray, motion: RegimeMotion) -> Regimes:
         """Outputs of all networks for N inputs and their mirror images.
@@ -119,13 +146,13 @@ class _Networks:
             network: Inputs, shape (N, N_INPUTS).
             motion: Motion in the two regimes.
         """
-        ensemble, _, hidden = self._weights[0].shape
+        ensemble, _, hidden = self.weights[0].shape
         questions = np.empty((2 * len(network), N_INPUTS), dtype=np.float32)
         questions[: len(network)] = network
         np.multiply(network, MIRROR, out=questions[len(network) :], casting="same_kind")
         first = questions @ self._first
-        h = first.reshape(-1, ensemble, hidden).transpose(1, 0, 2) + self._biases[0]
-        for w, b in zip(self._weights[1:], self._biases[1:], strict=True):
+        h = first.reshape(-1, ensemble, hidden).transpose(1, 0, 2) + self.biases[0]
+        for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
             h = np.tanh(h) @ w + b
         answers = h.reshape(ensemble, 2, len(network), N_OUTPUTS).astype(np.float64)
         departures = answers[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3)
@@ -161,10 +188,9 @@ class WalkerModel:
     """Parameters of the fitted model.
 
     Attributes:
-        weights: One array a layer, shape (E, inputs, outputs): E networks side by side.
-        biases: One array a layer, shape (E, 1, outputs).
-        blind_weights: Weights of the networks for tracks without any orientation, of the same shapes.
-        blind_biases: As `biases`.
+        seeing: Networks for tracks with an orientation.
+        blind: Networks for tracks without any.
+        precise: Networks for tracks with an orientation and little error.
         log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
             (N_DOUBT, knots, 3); the error of the observation is not in it.
         hidden: Weights of hidden units for a nonlinear part of that logarithm, shape (N_DOUBT, units).
@@ -182,10 +208,9 @@ class WalkerModel:
         WalkerModelError: If a shape is wrong or a number is not finite.
     """
 
-    weights: tuple[Float32Array, ...]
-    biases: tuple[Float32Array, ...]
-    blind_weights: tuple[Float32Array, ...]
-    blind_biases: tuple[Float32Array, ...]
+    seeing: Ensemble
+    blind: Ensemble
+    precise: Ensemble
     log_spread: FloatArray
     hidden: FloatArray = field(default_factory=lambda: np.zeros((N_DOUBT, 0)))
     log_spread_hidden: FloatArray = field(default_factory=lambda: np.zeros((0, KNOTS_S.size, 3)))
@@ -195,16 +220,6 @@ class WalkerModel:
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not self.weights or len(self.weights) != len(self.biases):
-            raise WalkerModelError("a network needs one bias a layer")
-        ensemble = self.weights[0].shape[0] if self.weights[0].ndim else 0
-        n = N_INPUTS
-        for w, b in zip(self.weights, self.biases, strict=True):
-            if w.ndim != 3 or w.shape[:2] != (ensemble, n) or b.shape != (ensemble, 1, w.shape[2]):
-                raise WalkerModelError(f"layer of shape {w.shape} with bias {b.shape} does not take {n} inputs")
-            n = w.shape[2]
-        if [a.shape for a in self._layers(blind=True)] != [a.shape for a in self._layers(blind=False)]:
-            raise WalkerModelError("networks with and without orientation have layers of different shapes")
         knots, units = KNOTS_S.size, self.hidden.shape[-1]
         sizes = {
             "log_spread": (N_DOUBT, knots, 3),
@@ -213,31 +228,20 @@ class WalkerModel:
             "noise_share": (knots,),
         }
         parts = {name: getattr(self, name) for name in sizes}
-        if n != N_OUTPUTS or {name: part.shape for name, part in parts.items()} != sizes:
-            raise WalkerModelError(f"{n} outputs or the shapes of {', '.join(sizes)} do not fit {knots} knots")
-        if not all(np.isfinite(a).all() for a in (*self._layers(False), *self._layers(True), *parts.values())):
+        if {name: part.shape for name, part in parts.items()} != sizes:
+            raise WalkerModelError(f"the shapes of {', '.join(sizes)} do not fit {knots} knots")
+        if not all(np.isfinite(a).all() for a in parts.values()):
             raise WalkerModelError("a number is not finite")
         if not (len(self.decision) == 2 and 0.0 < self.decision[0] < math.inf and math.isfinite(self.decision[1])):
             raise WalkerModelError(f"decision is {self.decision}, expected a positive slope and a threshold")
         if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
 
-    def _layers(self, blind: bool) -> tuple[Float32Array, ...]:
-        return (*self.blind_weights, *self.blind_biases) if blind else (*self.weights, *self.biases)
-
-    @cached_property
-    def _seeing(self) -> _Networks:
-        return _Networks(self.weights, self.biases)
-
-    @cached_property
-    def _blind(self) -> _Networks:
-        return _Networks(self.blind_weights, self.blind_biases)
-
     def regimes(self, network: FloatArray, motion: RegimeMotion) -> Regimes:
         """Motion in the two regimes, and the evidence of a walk.
 
         Each input is evaluated with its mirror image, so the model is symmetric in left and right. Tracks without any
-        orientation have networks of their own, blended by the weight of the orientation.
+        orientation and precise trackers have networks of their own, weighted by orientation and measured error.
 
         Args:
             network: Inputs of the network, shape (N, N_INPUTS).
@@ -247,11 +251,9 @@ class WalkerModel:
             Answers of the ensemble, for `answer`.
         """
         seen = np.maximum.reduce(network[:, KNOWN], axis=1)
-        if np.minimum.reduce(seen, initial=1.0) == 1.0:
-            return self._seeing(network, motion)
-        if np.maximum.reduce(seen, initial=0.0) == 0.0:
-            return self._blind(network, motion)
-        return self._seeing(network, motion).blended(self._blind(network, motion), seen)
+        precise = seen * precision(network)
+        shares = (self.seeing, seen - precise), (self.blind, 1.0 - seen), (self.precise, precise)
+        return Regimes.mean([(ensemble(network, motion), share) for ensemble, share in shares if share.any()])
 
     def answer(
         self, regimes: Regimes, spread: FloatArray, evidence: FloatArray | None = None
