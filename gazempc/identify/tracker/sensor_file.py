@@ -188,7 +188,7 @@ def identify_tracker(path: Path, person: str | None, out: Path, progress: Progre
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     progress.begin(f"reading {path}")
-    track = read_track(path, person, progress.at)
+    track = read_track(path, person)
     print(f"{path.name}: {track.person}, {track.times_s.size} frames")
     for note in track.notes:
         print(f"  {note}")
