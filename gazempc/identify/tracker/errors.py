@@ -31,7 +31,7 @@ _SEEN = 6.0
 _CORRELATIONS = 8.0
 # A jump is off the median over this time by so many standard deviations. Its first step, and how far off each of its
 # frames is, are at least this share of its size. A person starts to move more slowly.
-_MEDIAN_S, _GATE, _STEP_SHARE = 3.0, 4.5, 0.5
+_MEDIAN_S, _GATE, _STEP_SHARE = 3.0, 5.0, 0.5
 # Standard deviation of a normal distribution over its median absolute deviation.
 _NORMAL = 1.4826
 
