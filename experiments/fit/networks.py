@@ -161,7 +161,7 @@ def fit_networks(
     )
 
 
-_LIBRARIES = {"jax", "jaxlib", "optax"}
+_LIBRARIES = ("jax", "jaxlib", "optax")
 # Slope and threshold of the decision between walking and staying. Chosen on standing and starting people left out of
 # the fit; `docs/predictors.md` has the trade-off over the threshold.
 _DECISION = (2.5, 1.0)
@@ -217,7 +217,7 @@ class NetworksJob:
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
         names = [path.stem for path in self.examples]
-        installed = {d.name: d.version for d in distributions() if d.name in _LIBRARIES}
+        installed = {name: d.version for name in _LIBRARIES for d in distributions(name=name)}
         return key_of(self, examples=names, versions=installed)
 
     def run(self) -> Row:

@@ -49,19 +49,18 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
     Raises:
         SettingsError: Names the array.
     """
-    counts: dict[str | int, int] = {"J": joints}
+    counts = {"J": joints}
     for name, axes in SHAPES.items():
         array = values[name]
         if array.size and array.dtype.kind != _KINDS.get(name, "f"):
             raise _damaged(path, name, f"it holds {array.dtype}")
-        if array.ndim != len(axes):
-            raise _damaged(path, name, f"its shape is {array.shape}, expected {_shape_text(axes)}")
-        for axis, length in zip(axes, array.shape, strict=True):
-            known = axis if isinstance(axis, int) else counts.setdefault(axis, length)
-            if length != known:
-                raise _damaged(
-                    path, name, f"its shape is {array.shape}, expected {_shape_text(axes)} with {axis} = {known}"
-                )
+        shape = tuple(
+            axis if isinstance(axis, int) else counts.setdefault(axis, length)
+            for axis, length in zip(axes, array.shape, strict=False)
+        )
+        if array.shape != shape or len(axes) != len(shape):
+            wanted = f"({', '.join(map(str, axes))}) with {', '.join(f'{k} = {n}' for k, n in counts.items())}"
+            raise _damaged(path, name, f"its shape is {array.shape}, expected {wanted}")
         may_be_infinite = name == "forecast_degrees_of_freedom"  # of a normal distribution
         if array.dtype.kind == "f" and not may_be_infinite and (np.abs(array) > _LARGEST).any():
             raise _damaged(path, name, f"it has values beyond {_LARGEST:g}")
@@ -75,10 +74,6 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
         raise _damaged(path, "time_s", f"the times do not increase by less than {_LONGEST_GAP_S:g} s each")
     if time_s.size and (np.abs(joint_time_s - np.clip(joint_time_s, time_s[0], time_s[-1])) > _LONGEST_GAP_S).any():
         raise _damaged(path, "joint_time_s", f"a time is more than {_LONGEST_GAP_S:g} s from all ticks")
-
-
-def _shape_text(axes: tuple[str | int, ...]) -> str:
-    return f"({', '.join(map(str, axes))})"
 
 
 def _damaged(path: Path | str, name: str, problem: str) -> SettingsError:

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left
 from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -83,18 +83,6 @@ _FORGOTTEN_AFTER_S = 30.0
 _Sample = tuple[float, _Numbers]
 
 
-class Moved(NamedTuple):
-    """A frame that has moved.
-
-    Attributes:
-        frame: Its name.
-        time_s: Stamp, seconds of ROS time.
-    """
-
-    frame: str
-    time_s: float
-
-
 class Transforms:
     """The tree of frames. Times are ROS time, seconds: those of the stamps, whatever clock they are of.
 
@@ -109,7 +97,7 @@ class Transforms:
         self._newest_s = -math.inf
         self._pruned_s = -math.inf
 
-    def take(self, transforms: Sequence[Any], fixed: bool = False) -> tuple[list[Moved], list[str]]:
+    def take(self, transforms: Sequence[Any], fixed: bool = False) -> tuple[list[tuple[str, float]], list[str]]:
         """Take in the transforms of a message.
 
         Args:
@@ -117,9 +105,9 @@ class Transforms:
             fixed: Whether they are from ``/tf_static``, and hold at all times.
 
         Returns:
-            Frames that have moved; and what could not be used, and why.
+            Frames that have moved, each with its stamp; and what could not be used, and why.
         """
-        moved: list[Moved] = []
+        moved: list[tuple[str, float]] = []
         problems: list[str] = []
         for transform in transforms:
             child = transform.child_frame_id.lstrip("/")
@@ -128,7 +116,7 @@ class Transforms:
             except Ros2Error as error:
                 problems.append(f"{child}: {error}")
             else:
-                moved += [] if fixed else [Moved(child, time_s)]
+                moved += [] if fixed else [(child, time_s)]
         return moved, problems
 
     def _take(self, header: Any, child: str, transform: Any, fixed: bool) -> float:

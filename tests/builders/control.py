@@ -61,7 +61,7 @@ def run(
     robot = robot_type(neck, smoother.command.position_rad, lambda: now)
     robot.connect()
     sent = np.tile(smoother.command.position_rad, (400, 1))
-    plan, joints, commands, errors = None, [], [], []
+    plan, joints, commands = None, [], []
     for k in range(ticks):
         now = k * neck.servo_period_s
         true = robot.true_state()
@@ -97,8 +97,9 @@ def run(
         following.sent(sent[-1])
         joints.append(true.position_rad)
         commands.append(command_rad)
-        errors.append(float(gaze_error_rad(neck.geometry, true.position_rad, path(np.array([now]))[0])))
-    return np.array(joints), np.array(commands), np.rad2deg(errors)
+    joints = np.array(joints)
+    errors = gaze_error_rad(neck.geometry, joints, path(neck.servo_period_s * np.arange(ticks)))
+    return joints, np.array(commands), np.rad2deg(errors)
 
 
 def assert_within(limits, positions, period_s):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from bs4 import BeautifulSoup
-from builders.studies import rows_of, runs
+from builders.studies import quick_neck, rows_of, runs
 
 from experiments.compare import main
 from experiments.engine.job import models_hash
@@ -22,8 +22,9 @@ def compared(tmp_path_factory, in_this_process):
     folder = tmp_path_factory.mktemp("compared")
     model = dataclasses.replace(shipped_walker_model(), about={"people": ["subject01"]})
     save_walker_model(model, folder / "walker.npz")
-    words = ["--recordings", "subject01_R1", "subject02_start", "subject02_stand", "--start-offset-deg", "60"]
-    words += ["--walker.fitted", str(folder), "--controllers", "reactive", "lookahead", "mpc", "--jobs", "1"]
+    words = ["--recordings", "subject01_R1", "subject03_start", "subject05_stand", "--start-offset-deg", "60"]
+    words += ["--walker.fitted", str(folder), "--controllers", "reactive", "lookahead", "mpc"]
+    words += ["--necks", quick_neck(folder), "--jobs", "1"]
     assert main([*words, "--out", str(folder / "<b>out")]) == 0
     out = folder / "<b>out"
     return out, json.loads((out / "summary.json").read_text()), (out / "summary.md").read_text()

@@ -35,7 +35,7 @@ READERS = {
     "record.npz": load_record, "neck.toml": load_neck, "columns.toml": read_mapping, "run.yaml": load_settings,
     "sweep.yaml": load_plan, "result.json": read_result,
     "walker.npz": lambda path: walker_model(path, "anna"),
-    "walk.jsonl": lambda path: read_track(path, None, lambda share: None),
+    "walk.jsonl": read_track,
 }  # fmt: skip
 
 

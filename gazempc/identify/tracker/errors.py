@@ -1,210 +1,66 @@
-"""White error and wander of a track by maximum likelihood, with its jumps left out."""
+"""White error, wander and jumps of a track, by the mean squares of its differences.
+
+Third differences of a track leave its white error and little of a person's motion. Half the mean square of the
+differences at a lag h, the variogram, grows from the white error to that of the wander:
+white² + wander² (1 - exp(-h/τ)).
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from scipy.optimize import Bounds, minimize
+from scipy.ndimage import median_filter
 
-from gazempc.identify.tracker.likelihood import Stretches, likelihood
+from gazempc.identify.estimate import Interval
+from gazempc.identify.servo_fit import Z_95
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# Parameters of a group of axes, in this order: root spectral density of the person's acceleration, m s^-1.5; standard
-# deviations of white error and wander, in the unit of the values; correlation time of the wander, seconds.
-_WHITE, _WANDER, _CORRELATION = 1, 2, 3
-_LOW, _HIGH = np.log([1e-3, 1e-6, 1e-6, 0.03]), np.log([30.0, 1.0, 1.0, 20.0])
-# Of a group without wander.
-_NO_WANDER = (1e-9, 1.0)
-# Weak priors of the logarithms: they bound parameters that the data do not determine; ten seconds of data outweigh
-# them. A person who stands sways with about 0.02 m s^-1.5, one who walks moves with 1. That of the wander is of its
-# ratio to the white error, which has none.
-_PRIOR_CENTRE, _PRIOR_SD = np.log([0.2, 1.0, 1.0, 1.0]), np.array([1.5, np.inf, 1.5, 1.0])
-# A wander has two parameters and must raise the log-likelihood by half of the 99 % quantile of χ² with 2 degrees of
-# freedom: in 1 % of tracks without wander it does so by chance.
-_WANDER_GAIN = 4.6
-_STEP, _CURVATURE_STEP = 1e-3, 0.03  # of finite differences of the logarithms
-# A normal innovation is larger once in 150,000 frames and axes.
-_GATE = 4.5
-_ROUNDS = 3
+# Sum of the squares of the weights 1, -3, 3, -1.
+_THIRD = 20.0
+# Neighbouring third differences of white noise have a correlation of -0.75; of smooth motion 1.
+_HIDDEN = -0.375
+# Longest lag, seconds, and how many lags and times of correlation are tried.
+_LONGEST_S, _LAGS, _TIMES = 4.0, 16, 30
+# Of the jackknife.
+_BLOCKS = 10
+# Without wander its estimated variance is larger than this, times white² / √N, in 1 to 5 % of tracks of N values.
+_SEEN = 6.0
+# A wander is known from this many of its correlation times on.
+_CORRELATIONS = 8.0
+# A jump is off the median over this time by so many standard deviations. Its first step, and how far off each of its
+# frames is, are at least this share of its size. A person starts to move more slowly.
+_MEDIAN_S, _GATE, _STEP_SHARE = 3.0, 5.0, 0.5
 # Standard deviation of a normal distribution over its median absolute deviation.
 _NORMAL = 1.4826
-# The variance of third differences of white noise is this many times its own. If the fitted white error is below this
-# share of theirs, the person's motion or the tracker's smoothing hides it.
-_THIRD_DIFFERENCES, _HIDDEN = 20.0, 0.4
-# No tracker has less error; the fit of a logarithm needs a positive start.
-_LEAST = 1e-5
-# Each frame of a jump, also the first, is at least this share of its size away. A person starts to move more slowly.
-_STEP_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Known:
-    """A value and its standard deviation."""
-
-    value: float
-    sd: float
-
-
-@dataclass(frozen=True)
-class GroupFit:
-    """Errors of one group of axes, in the unit of its values.
+class Errors:
+    """Errors of some axes that have them alike, in the unit of their values, with 95 % intervals.
 
     Attributes:
-        white: Standard deviation of the white error.
-        wander: Standard deviation of the wander; None where the data show none.
-        correlation_s: Its correlation time, seconds; None likewise.
-        hidden: Whether the white error is an upper bound: the person's motion hides it, or the tracker smooths it away.
+        white: Standard deviation of the error that is independent from frame to frame.
+        wander: Standard deviation of the error with a correlation time; None where it is not known.
+        correlation_s: That time, seconds; None likewise.
+        wander_is: `known`; `none`: the data show none, or no more than a person's sway; `unknown`: the person moved, or
+            it is too slow for the recording.
+        hidden: Whether `white` is an upper bound: motion hides it, or the tracker smooths it away.
+        used_s: Seconds that were used.
     """
 
-    white: Known
-    wander: Known | None
-    correlation_s: Known | None
-    hidden: bool = False
-
-
-def measure_errors(
-    data: Stretches, groups: tuple[int, ...], one_person: bool, report: Callable[[float], None]
-) -> tuple[tuple[GroupFit, ...], TrackJumps]:
-    """Fit errors, leave jumps out, and fit again.
-
-    Args:
-        data: Stretches of the track.
-        groups: Group of each axis, shape (A,); the axes of a group share their errors, such as ``(0, 1, 1)`` for along
-            and across.
-        one_person: True where the person's acceleration is one for all groups (a standing person sways alike in all
-            directions); False where each group has its own.
-        report: Called with the share that is done, 0 to 1.
-
-    Returns:
-        One fit a group, and the jumps that the fits leave out.
-    """
-    of_axis = np.array(groups)
-    rough = np.array([_third_differences(data, of_axis == g) for g in range(max(groups) + 1)])
-    start, used = rough, data.used
-    for k in range(_ROUNDS):
-        report(k / _ROUNDS)
-        fits, parameters = _fit(replace(data, used=used), of_axis, one_person, start)
-        _, normalised = likelihood(data, parameters, _GATE)
-        sizes = np.abs(np.nan_to_num(normalised)).max(axis=1)
-        calm = data.used & ~jumps_in(data, data.used & (sizes > _GATE))
-        start = np.maximum([fit.white.value for fit in fits], _LEAST)
-        if (calm == used).all():
-            break
-        used = calm
-    bounded = tuple(
-        replace(fit, white=Known(float(most), 0.0), hidden=True)
-        if fit.wander is None and fit.white.value < _HIDDEN * most
-        else fit
-        for fit, most in zip(fits, rough, strict=True)
-    )
-    return bounded, track_jumps(data, used)
+    white: Interval
+    wander: Interval | None
+    correlation_s: Interval | None
+    wander_is: Literal["known", "none", "unknown"]
+    hidden: bool
+    used_s: float
 
 
 @dataclass(frozen=True)
-class _Posterior:
-    """Density of the logarithms of the free parameters, shape (P,); trials have shape (T, P).
-
-    Attributes:
-        data: The stretches.
-        of_axis: Group of each axis, shape (A,).
-        free: Which parameters of each group are fitted, shape (4, groups).
-        one_person: Whether the acceleration of the first group is that of all.
-    """
-
-    data: Stretches
-    of_axis: IntArray
-    free: BoolArray
-    one_person: bool
-
-    def _logarithms(self, trials: FloatArray) -> FloatArray:
-        all_of_them = np.zeros((len(trials), *self.free.shape))
-        all_of_them[:, _WANDER:] = np.log(_NO_WANDER)[:, None]
-        all_of_them[:, self.free] = trials
-        if self.one_person:
-            all_of_them[:, 0] = all_of_them[:, 0, :1]
-        return all_of_them
-
-    def parameters(self, trials: FloatArray) -> FloatArray:
-        """Parameters on each axis, shape (T, 4, A)."""
-        return np.exp(self._logarithms(trials))[..., self.of_axis]
-
-    def log(self, trials: FloatArray) -> FloatArray:
-        """Log-likelihood of each stretch and, last, logarithm of the prior without its constant, shape (T, B + 1)."""
-        off = self._logarithms(trials)
-        off[:, _WANDER] -= off[:, _WHITE]
-        off = (off - _PRIOR_CENTRE[:, None]) / _PRIOR_SD[:, None]
-        each, _ = likelihood(self.data, self.parameters(trials))
-        return np.column_stack([each.sum(axis=1), -0.5 * (off[:, self.free] ** 2).sum(axis=1)])
-
-    def slopes(self, theta: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
-        """`log` at one place, shape (B + 1,), and its derivatives by central differences, shape (P, B + 1)."""
-        steps = step * np.eye(theta.size)
-        here, *around = self.log(theta + np.vstack([np.zeros(theta.size), steps, -steps]))
-        return here, (np.array(around[: theta.size]) - around[theta.size :]) / (2.0 * step)
-
-    def maximum(self, white_start: FloatArray) -> tuple[FloatArray, float]:
-        """The place of the maximum, shape (P,), and the logarithm of the density there."""
-        start: FloatArray = np.repeat(np.log([[0.3], [1.0], [1.0], [0.5]]), white_start.size, axis=1)
-        start[_WHITE : _WANDER + 1] = np.log(white_start)
-        low, high = (np.broadcast_to(end[:, None], start.shape)[self.free] for end in (_LOW, _HIGH))
-
-        def cost(theta: FloatArray) -> tuple[float, FloatArray]:
-            log, slopes = self.slopes(theta, _STEP)
-            return -float(log.sum()), -slopes.sum(axis=1)
-
-        found = minimize(
-            cost, start[self.free], jac=True, method="L-BFGS-B", bounds=Bounds(low, high), options={"maxiter": 200}
-        )
-        return np.asarray(found.x), -float(found.fun)
-
-    def sds(self, theta: FloatArray) -> FloatArray:
-        """Standard deviations, shape (P,): the larger of two estimates, by curvature and by stretches."""
-        each = _CURVATURE_STEP * np.eye(theta.size)
-        curvature = np.array([self._slope(theta + e) - self._slope(theta - e) for e in each]) / (2 * _CURVATURE_STEP)
-        inverse = np.linalg.pinv(-0.5 * (curvature + curvature.T), hermitian=True)
-        slopes = self.slopes(theta, _CURVATURE_STEP)[1][:, :-1]
-        slopes = slopes - slopes.mean(axis=1, keepdims=True)
-        between = inverse @ (slopes @ slopes.T) @ inverse
-        return np.asarray(np.sqrt(np.maximum(np.clip(np.diag(inverse), 0.0, None), np.diag(between))))
-
-    def _slope(self, theta: FloatArray) -> FloatArray:
-        return np.asarray(self.slopes(theta, _STEP)[1].sum(axis=1))
-
-
-def _fit(
-    data: Stretches, of_axis: IntArray, one_person: bool, white_start: FloatArray
-) -> tuple[tuple[GroupFit, ...], FloatArray]:
-    """Fit person, white error and, where it raises the likelihood enough, wander; `white_start` of shape (groups,)."""
-    free = np.ones((4, white_start.size), dtype=np.bool_)
-    free[0, 1:] = not one_person
-    posterior = _Posterior(data, of_axis, free, one_person)
-    theta, log = posterior.maximum(white_start)
-    for g in range(white_start.size):
-        fewer = posterior.free.copy()
-        fewer[_WANDER:, g] = False
-        simpler = replace(posterior, free=fewer)
-        theta_simpler, log_simpler = simpler.maximum(white_start)
-        if log - log_simpler < _WANDER_GAIN:
-            posterior, theta, log = simpler, theta_simpler, log_simpler
-    free = posterior.free
-    known = np.full(free.shape, None)
-    known[free] = [Known(float(v), float(v * sd)) for v, sd in zip(np.exp(theta), posterior.sds(theta), strict=True)]
-    return tuple(GroupFit(*known[_WHITE:, g]) for g in range(white_start.size)), posterior.parameters(theta[None])
-
-
-def _third_differences(data: Stretches, axes: BoolArray) -> float:
-    """White error plus the fast part of the person's motion. The median ignores jumps."""
-    stretches = (data.values[used][:, axes, b] for b, used in enumerate(data.used.T))
-    sizes = np.concatenate([np.abs(np.diff(values, 3, axis=0)).ravel() for values in stretches])
-    return max(_LEAST, _NORMAL * float(np.median(sizes)) / math.sqrt(_THIRD_DIFFERENCES))
-
-
-@dataclass(frozen=True)
-class TrackJumps:
-    """Jumps of a track: frames far from the position interpolated between the frames before and after.
+class Jumps:
+    """Jumps of a track: runs of frames that step off its median.
 
     Attributes:
         durations_s: Of each, shape (K,), seconds; 0 for a single frame.
@@ -227,55 +83,125 @@ def runs(flags: BoolArray) -> IntArray:
     return np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
 
 
-def jumps_in(data: Stretches, odd: BoolArray) -> BoolArray:
-    """Odd frames that belong to jumps; the others are the person's motion.
+def duration_s(times_s: FloatArray, used: BoolArray) -> float:
+    """Sum of the intervals between frames that are used, seconds."""
+    return float(np.diff(times_s)[used[1:] & used[:-1]].sum())
+
+
+def find_jumps(times_s: FloatArray, values: FloatArray, wanted: BoolArray) -> tuple[BoolArray, Jumps]:
+    """Find the jumps of a track.
 
     Args:
-        data: Stretches of the track.
-        odd: Frames whose innovation is outside of the gate, shape (F, B).
+        times_s: Shape (N,), seconds.
+        values: Shape (N, A).
+        wanted: Frames to judge, shape (N,).
 
     Returns:
-        Frames of jumps, shape (F, B); a jump is reached in one step.
+        The wanted frames without those of jumps, shape (N,); and the jumps.
     """
-    jumps = odd.copy()
-    for b in range(odd.shape[1]):
-        aside = np.abs(_aside(data, odd, b))
-        for first, last in runs(odd[: len(aside), b]):
-            way = aside[first:last].max(axis=0)
-            axis = int(np.argmax(way))
-            # After a jump the filter needs time to accept the track again. Frames back on the track are no part of it.
-            there = aside[first:last, axis] >= _STEP_SHARE * way[axis]
-            jumps[first:last, b] = there & there[0]
-    return jumps
+    window = 2 * int(0.5 * _MEDIAN_S / np.median(np.diff(times_s))) + 1
+    aside = values - median_filter(values, (window, 1), mode="nearest")
+    gate = _GATE * _NORMAL * np.median(np.abs(aside[wanted]), axis=0)
+    steps = np.abs(np.diff(values, axis=0, prepend=values[:1]))
+    calm, durations_s, sizes = wanted.copy(), [], []
+    for first, last in runs(wanted & (np.abs(aside) > gate).any(axis=1)):
+        way = np.abs(aside[first:last])
+        axis = int(np.argmax(way.max(axis=0) / np.maximum(gate, 1e-12)))
+        least = _STEP_SHARE * way[:, axis].max()
+        if steps[first, axis] >= least:
+            there = way[:, axis] >= least
+            calm[first:last] &= ~there
+            durations_s.append(float(np.ptp(times_s[first:last][there])))
+            sizes.append(np.sqrt((way[there] ** 2).mean(axis=0)))
+    return calm, Jumps(np.array(durations_s), np.reshape(sizes, (-1, values.shape[1])))
 
 
-def _aside(data: Stretches, out: BoolArray, b: int) -> FloatArray:
-    """Distance of each frame of a stretch from the path interpolated between the kept frames, shape (F, A)."""
-    frames = int(data.used[:, b].sum())
-    kept = ~out[:frames, b]
-    times_s, values = np.cumsum(data.intervals_s[:frames, b]), data.values[:frames, :, b]
-    if not kept.any():
-        return np.zeros_like(values)
-    expected = [np.interp(times_s, times_s[kept], column[kept]) for column in values.T]
-    return np.asarray(values - np.transpose(expected))
+def measure_errors(times_s: FloatArray, values: FloatArray, used: BoolArray, still: bool, sway: float = 0.0) -> Errors:
+    """Measure the white error and, of a person who is still, the wander.
 
-
-def track_jumps(data: Stretches, used: BoolArray) -> TrackJumps:
-    """Durations and sizes of the jumps that a fit leaves out.
+    The intervals are by a jackknife: a tenth of the time is left out, ten times.
 
     Args:
-        data: Stretches of the track.
-        used: Frames that the fit uses, shape (F, B).
+        times_s: Shape (N,), seconds.
+        values: On the axes that have their errors alike, shape (N, A).
+        used: Frames that count, shape (N,).
+        still: Whether the person is still in these frames; else the wander is not measured.
+        sway: A smaller wander is the person's.
 
     Returns:
-        One entry for each run of frames that it does not use.
+        The errors.
     """
-    durations_s: list[float] = []
-    sizes: list[FloatArray] = []
-    for b in range(used.shape[1]):
-        aside = _aside(data, ~used, b)
-        times_s = np.cumsum(data.intervals_s[: len(aside), b])
-        for first, last in runs(~used[: len(aside), b]):
-            durations_s.append(float(times_s[last - 1] - times_s[first]))
-            sizes.append(np.sqrt((aside[first:last] ** 2).mean(axis=0)))
-    return TrackJumps(np.array(durations_s), np.reshape(sizes, (-1, data.values.shape[1])))
+    period_s, used_s = float(np.median(np.diff(times_s))), duration_s(times_s, used)
+    longest = int(min(_LONGEST_S / period_s, times_s.size / 4)) if still else 0
+    lags = np.unique(np.geomspace(1, longest, _LAGS).astype(int)) if longest > 2 else np.array([], dtype=int)
+    block = np.minimum(np.cumsum(used) * _BLOCKS // max(int(used.sum()), 1), _BLOCKS - 1)
+    thirds, whole = np.diff(values, 3, axis=0), used[3:] & used[2:-1] & used[1:-2] & used[:-3]
+    squares, at_s = [_in_blocks(thirds / np.sqrt(_THIRD), np.flatnonzero(whole), block)], [0.0]
+    for lag in lags:
+        apart_s = times_s[lag:] - times_s[:-lag]
+        pairs = np.flatnonzero(used[lag:] & used[:-lag] & (apart_s < 1.5 * lag * period_s))
+        if pairs.size:
+            squares.append(_in_blocks((values[lag:] - values[:-lag]) / np.sqrt(2.0), pairs, block))
+            at_s.append(float(apart_s[pairs].mean()))
+    white, wander, correlation_s = _jackknife(squares, at_s, period_s)
+    seen = wander.value > max(sway, np.sqrt(_SEEN / np.sqrt(used.sum() * values.shape[1])) * white.value)
+    known = seen and used_s >= _CORRELATIONS * correlation_s.value
+    if not known:
+        # Smooth sway of a person is no part of the third differences.
+        white, *_ = _jackknife(squares[:1], at_s[:1], period_s)
+    beside = whole[1:] & whole[:-1]
+    alike = float((thirds[1:] * thirds[:-1])[beside].sum()) > _HIDDEN * float((thirds[1:][beside] ** 2).sum())
+    return Errors(
+        white=white,
+        wander=wander if known else None,
+        correlation_s=correlation_s if known else None,
+        wander_is="known" if known else "unknown" if seen or not still else "none",
+        hidden=alike and not known,
+        used_s=used_s,
+    )
+
+
+def _jackknife(squares: list[FloatArray], at_s: list[float], period_s: float) -> list[Interval]:
+    """White error, wander and correlation time with their intervals, of `_in_blocks` at the lags `at_s`."""
+    sums, lags_s = np.array(squares), np.array(at_s[1:])
+
+    def estimate(blocks: FloatArray) -> FloatArray:
+        total, count = blocks.sum(axis=2).T
+        return _white_and_wander(total / np.maximum(count, 1.0), count, lags_s, period_s)
+
+    each = np.array([estimate(np.delete(sums, k, axis=2)) for k in range(_BLOCKS)])
+    halves = Z_95 * np.sqrt((_BLOCKS - 1) * np.mean((each - each.mean(axis=0)) ** 2, axis=0))
+    return [Interval.around(float(v), float(half)) for v, half in zip(estimate(sums), halves, strict=True)]
+
+
+def _in_blocks(differences: FloatArray, chosen: IntArray, block: IntArray) -> FloatArray:
+    """Sum of the squares of the chosen differences and their number in each block, shape (2, blocks)."""
+    sums = np.bincount(block[chosen], (differences[chosen] ** 2).sum(axis=1), _BLOCKS)
+    return np.array([sums, differences.shape[1] * np.bincount(block[chosen], minlength=_BLOCKS)])
+
+
+def _white_and_wander(squares: FloatArray, counts: FloatArray, lags_s: FloatArray, period_s: float) -> FloatArray:
+    """White error, wander and its correlation time, shape (3,).
+
+    Args:
+        squares: Mean square of the third differences, then of those at the lags, shape (1 + L,); of white noise alone
+            each is its variance.
+        counts: Of each, shape (1 + L,).
+        lags_s: Shape (L,), seconds.
+        period_s: Interval of frames.
+    """
+    third, variogram = squares[0], squares[1:]
+    if not lags_s.size:
+        return np.array([np.sqrt(third), 0.0, 0.0])
+    tried_s = np.geomspace(2.0 * period_s, lags_s[-1], _TIMES)
+    decay = np.exp(-period_s / tried_s)
+    # What a wander of variance 1 adds to the third differences, and to the variogram beyond that.
+    in_third = (20.0 - 30.0 * decay + 12.0 * decay**2 - 2.0 * decay**3) / _THIRD
+    shape = 1.0 - np.exp(-lags_s / tried_s[:, None]) - in_third[:, None]
+    weight = counts[1:] / np.maximum(variogram, 1e-30) ** 2
+    variance = (shape * (variogram - third) * weight).sum(axis=1) / (shape**2 * weight).sum(axis=1)
+    variance = np.clip(variance, 0.0, 0.95 * third / in_third)
+    error = ((variogram - third - variance[:, None] * shape) ** 2 * weight).sum(axis=1)
+    best = int(np.argmin(error))
+    white = np.sqrt(third - variance[best] * in_third[best])
+    return np.array([white, np.sqrt(variance[best]), tried_s[best]])

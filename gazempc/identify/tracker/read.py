@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.files.text import read_text
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.bag import read_bag_tracks
-from gazempc.recordings.readers.bag_people import Sighted
 from gazempc.recordings.readers.checks import check_plausible
+from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.table import TABLES
 from gazempc.types import FloatArray
 from predictors import HeadObservation
@@ -48,51 +46,46 @@ class HeadTrack:
     notes: tuple[str, ...] = ()
 
 
-def of_bag(seen: Sighted, optical: bool) -> HeadTrack:
-    """The track of a person's frame in a bag, with the yaw of the face's axis that points to the camera."""
-    poses, count = seen.poses, seen.poses.times_s.size
-    notes = [f"frame {seen.frame}" + (", optical axes turned to x forward, y left, z up" if optical else "")]
-    if seen.left_out:
-        notes.append(f"{seen.left_out} messages repeat an earlier stamp or hold no finite numbers: left out")
-    yaw_rad = _facing_yaw_rad(poses.position_m, poses.quat_wxyz)
-    unknown = np.full(count, np.nan)
-    return HeadTrack(seen.name, poses.times_s, poses.position_m, yaw_rad, unknown, poses.delays_s, tuple(notes))
-
-
-def of_recording(path: Path) -> HeadTrack:
-    """The track of a recording; of a body tracker, what it measured.
+def of_recording(path: Path, person: str | None = None) -> HeadTrack:
+    """The track of a recording; of a tracker, what it measured.
 
     Args:
-        path: File of the recording, its origin the sensor.
+        path: The recording, its origin the sensor.
+        person: Which of several people; None: who is seen longest.
 
     Returns:
         The track.
 
     Raises:
-        RecordingError: If the file cannot be read.
+        RecordingError: If the recording cannot be read, or is a bag in which no person is in the frame of a sensor.
+        SettingsError: If there is no such person.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
-    recording = load(path)
+    recording = load(path, ReadOptions(person=person))
+    if recording.kind == "tracked" and not recording.has_robot:
+        raise RecordingError(path, "", f"not in the frame of a sensor: {recording.notes[0]}", "a head seen by a camera")
     seen = recording.measured or recording.truth
     valid = seen.valid
     unseen = () if valid.all() else (f"{int((~valid).sum())} frames without the person",)
-    notes = (*recording.notes, *unseen)
     head_rad, pelvis_rad = (_forward_yaw_rad(quats[valid]) for quats in (seen.head_quat_wxyz, seen.pelvis_quat_wxyz))
+    delays_s = None if recording.delays_s is None else recording.delays_s[valid]
     times_s, position_m = recording.times_s[valid], seen.head_position_m[valid]
-    return HeadTrack(recording.name, times_s, position_m, head_rad, pelvis_rad, None, notes)
+    return HeadTrack(recording.name, times_s, position_m, head_rad, pelvis_rad, delays_s, (*recording.notes, *unseen))
 
 
-def of_lines(path: Path) -> list[HeadTrack]:
-    """The tracks of all people in lines of JSON.
+def of_lines(path: Path, person: str | None = None) -> HeadTrack:
+    """The track of one person in lines of JSON.
 
     Args:
         path: File with a line an observation, in the order of arrival.
+        person: The tracker's name of the person; None: who has most lines.
 
     Returns:
-        One track a person.
+        The track.
 
     Raises:
         RecordingError: If more than one line in ten is no observation; names the first.
+        SettingsError: If there is no such person.
     """
     found: dict[str, list[HeadObservation]] = defaultdict(list)
     bad: list[str] = []
@@ -111,8 +104,13 @@ def of_lines(path: Path) -> list[HeadTrack]:
     if len(bad) > _BAD_LINES * count or not found:
         place, _, problem = bad[0].partition(": ")
         raise RecordingError(path, place, f"{problem} ({len(bad)} of {count} lines)", "an observation a line")
+    chosen = max(found, key=lambda name: len(found[name])) if person is None else person
+    if chosen not in found:
+        raise SettingsError(f"--person {person}: not in {path}; {suggest(chosen, found)}")
     notes = [f"{len(bad)} of {count} lines are no observations ({bad[0]})"] if bad else []
-    return [_of_observations(person, observations, notes) for person, observations in found.items()]
+    if others := [f"{name} ({len(lines)} frames)" for name, lines in found.items() if name != chosen]:
+        notes.append(f"also in the file: {', '.join(others)}; choose by --person")
+    return _of_observations(chosen, found[chosen], notes)
 
 
 def _of_observations(person: str, observations: Sequence[HeadObservation], notes: Sequence[str]) -> HeadTrack:
@@ -134,20 +132,6 @@ def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y**2 + z**2)))
 
 
-def _facing_yaw_rad(position_m: FloatArray, quats_wxyz: FloatArray) -> FloatArray:
-    """Yaw of whichever axis of a face points to the camera, shape (N,), NaN where not known: conventions differ."""
-    yaw_rad, known = np.full(len(quats_wxyz), np.nan), np.isfinite(quats_wxyz).all(axis=1)
-    if not known.any():
-        return yaw_rad
-    axes = np.moveaxis(Rotation.from_quat(quats_wxyz[known], scalar_first=True).as_matrix(), 2, 0)
-    sight = -position_m[known] / np.linalg.norm(position_m[known], axis=1, keepdims=True)
-    facing = np.median(np.einsum("kni,ni->kn", axes, sight), axis=1)
-    best = int(np.argmax(np.abs(facing)))
-    ahead = np.sign(facing[best]) * axes[best]
-    yaw_rad[known] = np.arctan2(ahead[:, 1], ahead[:, 0])
-    return yaw_rad
-
-
 _LINES = (".jsonl", ".ndjson")
 _ACCEPTED = (
     "a table (.csv, .tsv, .txt, .parquet) with t, head_x, head_y, head_z, or with columns that are known or saved; "
@@ -162,13 +146,12 @@ _LEAST_RANGE_M = 0.1
 _MIN_FRAMES, _MIN_DURATION_S = 60, 3.0
 
 
-def read_track(path: Path, person: str | None, report: Callable[[float], None]) -> HeadTrack:
+def read_track(path: Path, person: str | None = None) -> HeadTrack:
     """Read the longest track of a file, or that of one person.
 
     Args:
         path: File or folder.
         person: The tracker's name of the person; None: who has the longest track.
-        report: Called with the share that is read, 0 to 1.
 
     Returns:
         The track.
@@ -178,27 +161,12 @@ def read_track(path: Path, person: str | None, report: Callable[[float], None]) 
         SettingsError: If there is no such person.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
-    if path.is_dir():
-        tracks: Sequence[HeadTrack] = [of_bag(*found) for found in read_bag_tracks(path, report)]
-    elif path.suffix.lower() in _LINES:
-        tracks = of_lines(path)
-    elif not path.exists() or path.suffix.lower() not in (*TABLES, ".json"):
+    is_lines = path.suffix.lower() in _LINES
+    if not is_lines and not path.is_dir() and (not path.exists() or path.suffix.lower() not in (*TABLES, ".json")):
         raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown kind of file", _ACCEPTED)
-    else:
-        tracks = [of_recording(path)]
-    chosen = _choose(path, tracks, person)
-    _check(path, chosen)
-    return _without_repeats(chosen)
-
-
-def _choose(path: Path, tracks: Sequence[HeadTrack], person: str | None) -> HeadTrack:
-    tracks = sorted(tracks, key=lambda track: -track.times_s.size)
-    named = [t for t in tracks if person is None or person in (t.person, t.person.partition("_")[2])]
-    if not named:
-        raise SettingsError(f"--person {person}: not in {path}; {suggest(str(person), [t.person for t in tracks])}")
-    others = [f"{t.person} ({t.times_s.size} frames)" for t in tracks if t is not named[0]]
-    notes = (f"also in the file: {', '.join(others)}; choose by --person",) if others else ()
-    return replace(named[0], notes=(*named[0].notes, *notes))
+    track = of_lines(path, person) if is_lines else of_recording(path, person)
+    _check(path, track)
+    return _without_repeats(track)
 
 
 def _check(path: Path, track: HeadTrack) -> None:

@@ -11,10 +11,9 @@ import numpy as np
 
 from gazempc.command import Progress
 from gazempc.files.whole import write_whole
-from gazempc.identify.estimate import Interval
 from gazempc.identify.new_neck import as_toml
-from gazempc.identify.tracker.errors import Known
-from gazempc.identify.tracker.measure import DirectionError, TrackerErrors, measure_tracker
+from gazempc.identify.tracker.errors import Errors
+from gazempc.identify.tracker.measure import TrackerErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
 from gazempc.results.table import aligned
 from gazempc.types import FloatArray
@@ -25,7 +24,7 @@ _GOOD_S = 20.0
 
 
 def table(errors: TrackerErrors) -> str:
-    """Rows with value, standard deviation, and seconds of data used."""
+    """Rows with value, 95 % interval, and seconds of data used."""
     rows = list(_rows(errors))
     lines = aligned([row[:2] for row in rows])
     return "\n".join(f"{line}  {remark}".rstrip() for line, (*_, remark) in zip(lines, rows, strict=True))
@@ -61,21 +60,17 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
             yield from _direction_rows(name, "deg", yaw, DEG)
 
 
-def _direction_rows(name: str, unit: str, error: DirectionError, factor: float) -> Iterator[tuple[str, str, str]]:
-    fit, label, used = error.fit, f"{name}: wander ({unit})", f"{error.used_s:.0f} s"
-    white = f"< {factor * fit.white.value:.3f}" if fit.hidden else _shown(fit.white, factor, 3)
-    yield f"{name}: white ({unit})", white, f"{used}; hidden by motion or smoothing" if fit.hidden else used
-    if error.wander == "unknown":
+def _direction_rows(name: str, unit: str, error: Errors, factor: float) -> Iterator[tuple[str, str, str]]:
+    label, used = f"{name}: wander ({unit})", f"{error.used_s:.0f} s"
+    remark = f"{used}; hidden by motion or smoothing" if error.hidden else used
+    yield f"{name}: white ({unit})", _white(error, factor, 3, "<"), remark
+    if error.wander is not None and error.correlation_s is not None:
+        yield label, error.wander.shown(factor, 3), used
+        yield f"{name}: its correlation time (s)", error.correlation_s.shown(1.0, 2), used
+    elif error.wander_is == "unknown":
         yield label, "unknown", "hidden by the person's motion, or too slow for this recording; not in the file"
-    elif error.wander == "none" or fit.wander is None or fit.correlation_s is None:
-        yield label, "none", "none seen, or no more than a person's sway"
     else:
-        yield label, _shown(fit.wander, factor, 3), used
-        yield f"{name}: its correlation time (s)", _shown(fit.correlation_s, 1.0, 2), used
-
-
-def _shown(known: Known, factor: float, digits: int) -> str:
-    return Interval.around(known.value, known.sd).shown(factor, digits)
+        yield label, "none", "none seen, or no more than a person's sway"
 
 
 def warnings(errors: TrackerErrors) -> list[str]:
@@ -89,7 +84,7 @@ def warnings(errors: TrackerErrors) -> list[str]:
         )
     elif errors.used_s < _GOOD_S:
         found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are better, mainly for wander")
-    if errors.along.fit.hidden or errors.across.fit.hidden:
+    if errors.along.hidden or errors.across.hidden:
         found.append("white error: upper bounds only, as the tracker smooths, or the person moved")
     if errors.jumps.durations_s.size and not errors.jumps_across:
         found.append("jumps are small or along the line of sight only: left out, a sensor file has no field for them")
@@ -114,10 +109,10 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     frames, wait_s = errors.frames, errors.latency_s
     found = (
         f"range white {_white(errors.along, 100.0, 2)} %, bearing white "
-        f"{_white(errors.across, DEG, 3)} deg (± s.d.) on {errors.used_s:.0f} s at {errors.range_m[1]:.2f} m"
+        f"{_white(errors.across, DEG, 3)} deg (95 % intervals) on {errors.used_s:.0f} s at {errors.range_m[1]:.2f} m"
     )
     unknown = [
-        name for name, error in (("range", errors.along), ("bearing", errors.across)) if error.wander == "unknown"
+        name for name, error in (("range", errors.along), ("bearing", errors.across)) if error.wander_is == "unknown"
     ]
     values: dict[str, object] = {
         "name": name,
@@ -144,21 +139,20 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     return as_toml(values)
 
 
-def _white(error: DirectionError, factor: float, digits: int) -> str:
-    white = error.fit.white
-    return f"at most {factor * white.value:.{digits}f}" if error.fit.hidden else _shown(white, factor, digits)
+def _white(error: Errors, factor: float, digits: int, most: str = "at most") -> str:
+    value = factor * error.white.value
+    return f"{most} {value:.{digits}f}" if error.hidden else error.white.shown(factor, digits)
 
 
-def _direction_table(error: DirectionError, factor: float, unit: str) -> dict[str, object]:
-    fit = error.fit
-    values: dict[str, object] = {f"noise_{unit}": _rounded(factor * fit.white.value)}
-    if error.wander == "known" and fit.wander is not None and fit.correlation_s is not None:
-        values[f"wander_{unit}"] = _rounded(factor * fit.wander.value)
-        values["wander_time_s"] = _rounded(fit.correlation_s.value)
+def _direction_table(error: Errors, factor: float, unit: str) -> dict[str, object]:
+    values: dict[str, object] = {f"noise_{unit}": _rounded(factor * error.white.value)}
+    if error.wander is not None and error.correlation_s is not None:
+        values[f"wander_{unit}"] = _rounded(factor * error.wander.value)
+        values["wander_time_s"] = _rounded(error.correlation_s.value)
     return values
 
 
-def _yaw_table(yaw: DirectionError | None) -> dict[str, object]:
+def _yaw_table(yaw: Errors | None) -> dict[str, object]:
     return {"reported": False} if yaw is None else _direction_table(yaw, DEG, "deg")
 
 
@@ -194,13 +188,12 @@ def identify_tracker(path: Path, person: str | None, out: Path, progress: Progre
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     progress.begin(f"reading {path}")
-    track = read_track(path, person, progress.at)
+    track = read_track(path, person)
     print(f"{path.name}: {track.person}, {track.times_s.size} frames")
     for note in track.notes:
         print(f"  {note}")
-    progress.begin("fitting")
-    errors = measure_tracker(track, progress.at)
-    print(f"\n{table(errors)}\n\n± is one standard deviation.")
+    errors = measure_tracker(track)
+    print(f"\n{table(errors)}\n\n± is half the 95 % confidence interval.")
     for warning in warnings(errors):
         print(f"Warning: {warning}.")
     write_whole(out, sensor_toml(errors, track, out.stem, path.name, datetime.date.today()))

@@ -17,7 +17,7 @@ from gazempc.people.company import Cue
 from gazempc.robots.options import Ros2Options
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
-from gazempc.ros2.transforms import Moved, Transforms
+from gazempc.ros2.transforms import Transforms
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
@@ -171,22 +171,22 @@ class TfListener:
         self.topics = {_TF: node.subscription(_TF, kind)}
         self._fixed = node.subscription("/tf_static", kind, latched=True)
 
-    def listen(self, problems: list[str]) -> list[Moved]:
+    def listen(self, problems: list[str]) -> list[tuple[str, float]]:
         """Take in what has come.
 
         Args:
             problems: Gets what cannot be used, and why.
 
         Returns:
-            Frames that have moved, in the order of the messages.
+            Frames that have moved, each with its stamp, seconds of ROS time, in the order of the messages.
 
         Raises:
             Ros2Error: If the node is closed.
         """
-        moved: list[Moved] = []
+        moved: list[tuple[str, float]] = []
         for topic, subscription, fixed in (("/tf_static", self._fixed, True), (_TF, self.topics[_TF], False)):
-            messages = used(subscription.take(), lambda message: message.transforms, topic, problems)
-            for newly, unusable in (self.transforms.take(transforms, fixed) for transforms in messages):
+            for message in subscription.take():
+                newly, unusable = self.transforms.take(message.transforms, fixed)
                 moved += newly
                 problems += [f"{topic}, {problem}" for problem in unusable]
         return moved

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,32 +31,6 @@ _EXPECTED = (
     f"frames named {', '.join(f'{prefix}<id>' for prefix in PREFIXES)} in {TF}, as in ROS4HRI, or a topic of poses or "
     "points"
 )
-
-
-def read_bag_tracks(path: Path, report: Callable[[float], None] = lambda share: None) -> list[tuple[Sighted, bool]]:
-    """Read the tracks of people in a bag.
-
-    Args:
-        path: Folder of the bag.
-        report: Called with the share that is read, 0 to 1.
-
-    Returns:
-        For each person the track in the sensor's frame, x forward, y left, z up, and whether that frame had optical
-        axes, which were turned; the longest first. Where there are faces, heads, bodies and persons are not taken, and
-        topics only where there are no such frames.
-
-    Raises:
-        RecordingError: If the folder is no bag, or has no person in it.
-        MissingOptionalDependencyError: If rosbags is not installed.
-    """
-    _, found = _open(path, report)
-    sensed = [seen for seen in found if seen.frame not in FIXED_FRAMES]
-    if not sensed:
-        names = ", ".join(f"{seen.name} in {seen.frame}" for seen in found)
-        problem = f"no person is given in the frame of a sensor; found {names}"
-        raise RecordingError(path, f"topic {TF}", problem, "face_<id> in a camera's frame")
-    turned = [(seen, *forward(seen.frame, seen.poses)) for seen in sensed if seen.rank[0] == sensed[0].rank[0]]
-    return [(replace(seen, poses=poses), optical) for seen, poses, optical in turned]
 
 
 def read_bag(path: Path, options: ReadOptions) -> Recording:
@@ -106,9 +79,9 @@ def read_bag_people(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
     return tuple(recordings)
 
 
-def _open(path: Path, report: Callable[[float], None] = lambda share: None) -> tuple[FrameTree, list[Sighted]]:
+def _open(path: Path) -> tuple[FrameTree, list[Sighted]]:
     """The frames of a bag, and possible heads of people, the likeliest and longest first; at least one."""
-    topics, messages = read_messages(path, report)
+    topics, messages = read_messages(path)
     frames = FrameTree(messages)
     if found := people_in(frames, topics, messages):
         return frames, found

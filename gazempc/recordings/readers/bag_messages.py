@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sqlite3
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,14 +60,11 @@ def person_of_topic(topic: str) -> str | None:
     return found[1] if found else None
 
 
-def read_messages(
-    path: Path, report: Callable[[float], None] = lambda share: None
-) -> tuple[Mapping[str, str], list[BagMessage]]:
+def read_messages(path: Path) -> tuple[Mapping[str, str], list[BagMessage]]:
     """Read the messages of a bag with positions of people.
 
     Args:
         path: Folder of the bag, or a file of it.
-        report: Called with the share that is read, 0 to 1.
 
     Returns:
         The type of each topic of the bag, by name; and frames, poses, points and lists of people, in the order of
@@ -94,10 +91,8 @@ def read_messages(
         with Reader(path) as reader:
             topics = {connection.topic: connection.msgtype for connection in reader.connections}
             wanted = [c for c in reader.connections if _is_wanted(c.topic, c.msgtype)]
-            total = max(1, sum(c.msgcount for c in wanted))
             # Without any connection, the library reads them all.
             for connection, received_ns, raw in reader.messages(wanted) if wanted else ():
-                report(len(messages) / total)
                 content = store.deserialize_cdr(raw, connection.msgtype)
                 messages.append(BagMessage(connection.topic, received_ns, content))
     except (OSError, SettingsError) as error:

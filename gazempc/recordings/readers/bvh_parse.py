@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,7 @@ Pose = tuple[Rotation, FloatArray]
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
 _CHANNEL_OF_LOWER = {name.lower(): name for name in _CHANNELS}
 _PIECES = re.compile(r"[{}]|[^{}]+")
-_END_SITE = -1
-_HIERARCHY = "one ROOT with JOINT, End Site, OFFSET, CHANNELS, names and braces in their places, then MOTION"
+_CHANNELS_EXPECTED = f"their number and names out of {', '.join(_CHANNELS)}, each once"
 
 
 @dataclass
@@ -41,7 +40,7 @@ class Joint:
 
     name: str
     parent: int
-    offset: FloatArray = field(default_factory=lambda: np.zeros(3))
+    offset: FloatArray
     channels: tuple[str, ...] = ()
     first_channel: int = 0
     end_offset: FloatArray | None = None
@@ -76,7 +75,12 @@ def parse_bvh(path: Path) -> Bvh:
     """
     lines = _Lines(path, read_text(path, "a BVH file"))
     lines.match("HIERARCHY", "HIERARCHY, as in a BVH file")
-    joints = _hierarchy(lines)
+    joints: list[Joint] = []
+    try:
+        _add_joint(lines, lines.match("ROOT (.+)", "ROOT and a name")[1], -1, joints)
+    except RecursionError:
+        raise lines.error(f"{len(joints)} joints grow on each other", "a person's joints") from None
+    lines.match("MOTION", "MOTION after one ROOT")
     count = int(lines.match("Frames: 0*([1-9][0-9]{0,8})", "Frames: and their number, at least 1")[1])
     (frame_time_s,) = lines.numbers([lines.match(r"Frame Time: (\S+)", "Frame Time: and seconds")[1]])
     if not 0.0 < frame_time_s < np.inf:
@@ -168,55 +172,33 @@ class _Lines:
             text = str(error).partition(": ")[2].strip("'")
             raise self.error(f"{shown(text)} is not a number", "a number") from None
 
+    def offset(self) -> FloatArray:
+        found = np.array(self.numbers(self.match(r"OFFSET (\S+ \S+ \S+)", "OFFSET and three numbers")[1].split()))
+        if not (np.abs(found) <= MAX_MAGNITUDE).all():
+            raise self.error(f"OFFSET {found}", "three finite numbers")
+        return found
+
     def error(self, problem: str, expected: str) -> RecordingError:
         return RecordingError(self._path, f"line {self.number}", problem, expected)
 
 
-def _hierarchy(lines: _Lines) -> list[Joint]:  # noqa: PLR0912 - one branch a keyword
-    """All joints; reads up to and with the line MOTION."""
-    joints: list[Joint] = []
-    opened: list[int] = []  # indices of the joints whose braces are open, `_END_SITE` for an end site
-    waiting: int | None = None  # the next brace opens it
-    channels = 0
-    while True:
-        within = [index for index in opened if index != _END_SITE]
-        inside = f" (joint {joints[within[-1]].name!r} is open)" if within else ""
-        words = lines.next(f"the rest of the hierarchy{inside}, then MOTION")
-        keyword = words[0].upper()
-        joint = joints[opened[-1]] if opened and opened[-1] != _END_SITE else None
-        if keyword == "{" and waiting is not None:
-            opened.append(waiting)
-            waiting = None
-        elif waiting is not None:
-            raise lines.error(shown(" ".join(words)), "an opening brace")
-        elif keyword == "MOTION" and joints and not opened:
-            return joints
-        elif ((keyword == "ROOT" and not joints) or (keyword == "JOINT" and joint is not None)) and len(words) > 1:
-            joints.append(Joint(" ".join(words[1:]), opened[-1] if opened else -1))
-            waiting = len(joints) - 1
-        elif keyword == "END" and joint is not None:
-            waiting = _END_SITE
-        elif keyword == "}" and opened:
-            opened.pop()
-        elif keyword == "OFFSET" and opened and len(words) == 4:
-            offset = np.array(lines.numbers(words[1:]))
-            if not (np.abs(offset) <= MAX_MAGNITUDE).all():
-                raise lines.error(" ".join(words), "three finite numbers")
-            if joint is not None:
-                joint.offset = offset
-            elif joints[within[-1]].end_offset is None:
-                joints[within[-1]].end_offset = offset
-        elif keyword == "CHANNELS" and joint is not None and not joint.channels:
-            joint.channels, joint.first_channel = _channels(lines, words), channels
-            channels += len(joint.channels)
-        else:
-            raise lines.error(f"{shown(' '.join(words), 80)} is out of place here{inside}", _HIERARCHY)
-
-
-def _channels(lines: _Lines, words: list[str]) -> tuple[str, ...]:
-    channels = tuple(_CHANNEL_OF_LOWER.get(word.lower(), "") for word in words[2:])
-    count_is_right = len(words) > 1 and words[1] == str(len(channels))
-    if not count_is_right or "" in channels or len(set(channels)) != len(channels):
-        expected = f"CHANNELS, their number and names out of {', '.join(_CHANNELS)}, each once"
-        raise lines.error(shown(" ".join(words), 80), expected)
-    return channels
+def _add_joint(lines: _Lines, name: str, parent: int, joints: list[Joint]) -> None:
+    """Read a joint from its opening to its closing brace, with all that grow on it."""
+    lines.match(r"\{", f"the opening brace of joint {name!r}")
+    index, joint = len(joints), Joint(name, parent, lines.offset())
+    joint.first_channel = sum(len(other.channels) for other in joints)
+    found = lines.match(r"CHANNELS (\d{1,3}) ?(.*)", f"CHANNELS of joint {name!r}, {_CHANNELS_EXPECTED}")
+    joint.channels = tuple(_CHANNEL_OF_LOWER.get(word.lower(), "") for word in found[2].split())
+    distinct = set(joint.channels) - {""}
+    if not len(joint.channels) == len(distinct) == int(found[1]):
+        raise lines.error(shown(found[0], 80), _CHANNELS_EXPECTED)
+    joints.append(joint)
+    expected = f"JOINT, End Site or the closing brace of joint {name!r}"
+    while (found := lines.match(r"JOINT (.+)|END .*|\}", expected))[0] != "}":
+        if found[1] is not None:
+            _add_joint(lines, found[1], index, joints)
+            continue
+        lines.match(r"\{", "the opening brace of an end site")
+        end = lines.offset()
+        joint.end_offset = end if joint.end_offset is None else joint.end_offset
+        lines.match(r"\}", "the closing brace of an end site")

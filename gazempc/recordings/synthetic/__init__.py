@@ -1,1 +1,1 @@
-"""The synthetic data set: gait, routes, room. May import gazempc.recordings."""
+"""The synthetic data set: gait and routes. May import gazempc.recordings."""

@@ -1,6 +1,7 @@
 """Shifts of gaze beside those of people: what fits must fit."""
 
 import pytest
+from builders.studies import quick_neck
 
 from experiments.eyes.human import compared, main, make_shift, table
 from gazempc.neck.human import motor_scale, with_motion
@@ -32,6 +33,7 @@ def test_a_shift_sideways_is_scaled_to_the_motors_and_stands_beside_that_of_peop
 
 @pytest.mark.slow
 def test_the_command_writes_a_picture(capsys, tmp_path):
-    assert main(["--neck", "furhat", "--out", str(tmp_path)]) == 0
-    assert (tmp_path / "furhat_mpc.png").stat().st_size > 20_000
+    neck = quick_neck(tmp_path, "furhat")
+    assert main(["--neck", neck, "--controller", "lookahead", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "furhat_lookahead.png").stat().st_size > 20_000
     assert capsys.readouterr().out.count("sideways 60") >= 1

@@ -11,6 +11,8 @@ from builders.fits import toy
 from builders.walkers import NOTHING, straight_model
 
 from experiments.fit.command import fit, main
+from experiments.fit.examples import Examples
+from experiments.fit.networks import fit_networks
 from experiments.fit.spread import errors_on_left_out
 from predictors.walker.model_file import load_walker_model
 from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, WalkerModel
@@ -25,17 +27,22 @@ def settings(folder, **changes):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, in_this_process):
-    """Folder of a fit that the command made; it takes long, so it is made once, and copied."""
+    """Folder of a fit that the command made, on few examples: through a slow tracker, and as many rows for each fit."""
     folder = tmp_path_factory.mktemp("finished")
+    slow = folder / "slow.toml"
+    slow.write_text('name = "slow"\nsource = "a test"\nrate_hz = 5.0\nlatency_s = 0.1\n')
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
     said = io.StringIO()
     with redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
-        # How well the spread is fitted is tested elsewhere; here, a few steps on some rows will do.
-        patch.setattr("experiments.fit.spread._ENOUGH_ROWS", 300)
-        patch.setattr("experiments.fit.spread._STEPS", 5)
-        assert main([*words, "--jobs", "1", "--out", str(folder)]) == 0
+        patch.setattr("experiments.fit.networks.fit_networks", on_as_many_rows)
+        assert main([*words, "--tracker", str(slow), "--jobs", "1", "--out", str(folder / "fit")]) == 0
     assert "--walker.fitted" in said.getvalue()
-    return folder
+    return folder / "fit"
+
+
+def on_as_many_rows(examples, *settings):
+    """Of one shape, so that the program that JAX compiles for one fit does for the next."""
+    return fit_networks(Examples(*(column[:30] for column in vars(examples).values())), *settings)
 
 
 @pytest.mark.slow

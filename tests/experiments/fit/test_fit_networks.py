@@ -16,7 +16,7 @@ from predictors.walker.network import KNOTS_S, N_OUTPUTS, RegimeMotion, WalkerMo
 @pytest.mark.slow
 def test_networks_learn_and_are_the_same_for_the_same_seed():
     examples, other = toy(4000, 0), toy(1000, 1)
-    fits = [fit_networks(examples, 3, 1, 600) for _ in range(2)]
+    fits = [fit_networks(examples, 3, 1, 200) for _ in range(2)]
     for a, b in zip(fits[0][0], fits[1][0], strict=True):
         np.testing.assert_array_equal(a, b)
     weights, biases = fits[0]

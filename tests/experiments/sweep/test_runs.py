@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from builders.own_parts import own_module
-from builders.studies import SMALL, rows_of, written
+from builders.studies import SMALL, quick_neck, rows_of, written
 
 from experiments.sweep.plan import load_plan
 from experiments.sweep.sweep import SweepSettings, run_sweep, sweep
@@ -23,7 +23,8 @@ FIGURES = {
 def undisturbed(tmp_path_factory, in_this_process):
     """A small sweep done in one go."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    path = written(folder, SMALL | {"figures": FIGURES})
+    base = SMALL["base"] | {"neck": quick_neck(folder)}
+    path = written(folder, SMALL | {"base": base, "figures": FIGURES})
     assert sweep(SweepSettings(sweep=str(path), jobs=2, out=folder / "out")) == 0
     return folder
 
@@ -58,7 +59,7 @@ def test_tables_and_known_effects(undisturbed):
 def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     vary = {"controller": [f"{own}:Sluggish", "lookahead"], "options.share": [0.5, 1.0]}
-    base = {"predictor": "constant_velocity"}
+    base = {"predictor": "constant_velocity", "neck": quick_neck(tmp_path)}
     plan = load_plan(written(tmp_path, SMALL | {"recordings": ["subject01_R1"], "base": base, "vary": vary}))
     rows = run_sweep(plan, tmp_path / "out")
     assert [row["failed"] for row in rows] == [None] * 4

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 TUNED = {
     "name": "tuned",
     "recordings": ["subject01_R1"],
-    "base": {"controller": "lookahead"},
+    "base": {"controller": "lookahead", "neck": "reachy_mini"},
     "vary": {
         "lookahead.smoothing_time_s": {"low": 0, "high": 0.3},
         "predictor": ["last_position", "constant_velocity"],

@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.loop.events import Event
-from gazempc.recordings.readers.bag import read_bag_tracks
+from gazempc.recordings.readers.bag_frames import FrameTree, forward
+from gazempc.recordings.readers.bag_messages import read_messages
+from gazempc.recordings.readers.bag_people import people_in
 from gazempc.robots.options import Ros2Options
 
 BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("bodies", "persons"))
@@ -169,7 +171,8 @@ def test_faces_that_real_nodes_sent_are_where_the_recording_has_them(stage, bags
             assert arrived.problems == ()
             found += [sighting.observation for sighting in arrived.sightings]
     assert len(found) >= 90
-    tracks = [seen.poses for seen, _ in read_bag_tracks(bags_dir / NAME)]
+    topics, messages = read_messages(bags_dir / NAME)
+    tracks = [forward(seen.frame, seen.poses)[0] for seen in people_in(FrameTree(messages), topics, messages)]
     times_s = np.concatenate([track.times_s for track in tracks]) - start_s
     position_m = np.concatenate([track.position_m for track in tracks])
     for seen in found:

@@ -9,8 +9,8 @@ from builders.exports import same_turns
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, SettingsError
+from gazempc.identify.tracker.read import of_recording
 from gazempc.recordings.load import load, load_together
-from gazempc.recordings.readers.bag import read_bag_tracks
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.run import main
 
@@ -190,24 +190,25 @@ def test_bad_rows_are_left_out_and_counted(tmp_path):
     rows = face_rows("face_a", START_S + T[:5], [0.0, 0.0, 1.0])
     rows += [rows[2], (START_S + 1, rows[0][1], "face_a", [0, 0, np.nan], (1, 0, 0, 0))]
     rows += [(START_S + 2, rows[0][1], "face_a", [0, 0, 1.0], (0, 0, 0, 0))]
-    ((seen, _),) = read_bag_tracks(bag_of(tmp_path, rows))
-    assert (seen.poses.times_s.size, seen.left_out) == (5, 3)
+    walk = load(bag_of(tmp_path, rows))
+    assert walk.times_s.size == 5
+    assert any(note.startswith("3 messages repeat a stamp") for note in walk.notes)
 
 
 def test_bags_without_a_person_and_damaged_ones_are_refused(tmp_path):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RecordingError, match=r"metadata\.yaml"):
-        read_bag_tracks(tmp_path / "empty")
+    with pytest.raises(RecordingError, match="neither a ROS 2 bag"):
+        load(tmp_path / "empty")
     wheel = write_bag(tmp_path / "wheel", face_rows("wheel_left", START_S + T, [0.0, 0.0, 1.0]))
     with pytest.raises(RecordingError, match=r"topics are /humans/faces/tracked, /tf.*face_<id>"):
-        read_bag_tracks(wheel)
+        load(wheel)
     mapped = write_bag(tmp_path / "mapped", face_rows("person_a", START_S + T, [0.0, 0.0, 1.0], "map"))
-    with pytest.raises(RecordingError, match="person_a in map"):
-        read_bag_tracks(mapped)
+    with pytest.raises(RecordingError, match="not in the frame of a sensor: person_a, 60 frames in map"):
+        of_recording(mapped)
     (database,) = mapped.glob("*.db3")
     database.write_bytes(b"not a database" * 100)
     with pytest.raises(RecordingError, match="cannot be read"):
-        read_bag_tracks(mapped)
+        load(mapped)
 
 
 def test_a_run_on_a_bag(tmp_path):

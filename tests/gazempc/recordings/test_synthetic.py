@@ -6,7 +6,6 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from gazempc.recordings.readers.labels import route_group
-from gazempc.recordings.synthetic.room import PAPER_ROOM, ROUTE_LANDMARKS
 from gazempc.recordings.synthetic.routes import ROUTES
 from gazempc.recordings.synthetic.walks import generate, synthetic_names
 
@@ -105,17 +104,26 @@ def test_position_noise_is_that_of_the_depth_camera(walks):
 # ---------------------------------------------------------------- the room of the experiment
 
 
+# Size of the room, number of desks and camera are those of Tamaru et al. (2021); the layout is assumed, x forward and y
+# left of the sensor. Partitions stand just outside of what the camera sees.
+ROOM_M = np.array([[-0.3, -4.5], [7.0, 4.5]])
+PARTITIONS_M = np.array([[[1.5, 3.45], [3.2, 3.45]], [[1.5, -3.45], [3.2, -3.45]], [[5.7, -0.8], [5.7, 0.8]]])
+SENSOR_RANGE_M, SENSOR_HALF_ANGLE_RAD = (0.5, 5.46), np.radians(37.5)
+# Desks at which each route starts and ends. A left turn toward the robot ends on the robot's right.
+DESKS = {
+    "R1": ("right", "left"), "R2": ("left", "right"), "R3": ("far", "right"),
+    "R4": ("far", "left"), "R5": ("far", "right"), "R6": ("far", "left"),
+}  # fmt: skip
 CLEARANCE_M = 0.25  # half the breadth of the shoulders
 
 
 def partition_points():
-    ends = np.array(PAPER_ROOM.partitions)
     share = np.linspace(0.0, 1.0, 100)[:, None, None]
-    return ((1 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 2)
+    return ((1 - share) * PARTITIONS_M[:, 0] + share * PARTITIONS_M[:, 1]).reshape(-1, 2)
 
 
 def test_every_walk_keeps_clear_of_walls_and_partitions(walks):
-    low, high = np.array([PAPER_ROOM.x_m, PAPER_ROOM.y_m]).T
+    low, high = ROOM_M
     for head in (walk.truth.head_position_m for walk in walks.values()):
         path = head[:, :2]
         assert np.minimum(path - low, high - path).min() >= CLEARANCE_M
@@ -124,8 +132,8 @@ def test_every_walk_keeps_clear_of_walls_and_partitions(walks):
 
 def test_every_walk_is_in_the_sensors_view_and_no_partition_is(walks):
     def in_view(x, y, distance):
-        nearest_m, farthest_m = PAPER_ROOM.sensor_range_m
-        beside = np.abs(np.arctan2(y, x)) <= PAPER_ROOM.sensor_half_angle_rad
+        nearest_m, farthest_m = SENSOR_RANGE_M
+        beside = np.abs(np.arctan2(y, x)) <= SENSOR_HALF_ANGLE_RAD
         return beside & (nearest_m <= distance) & (distance <= farthest_m)
 
     for head in (walk.truth.head_position_m for walk in walks.values()):
@@ -135,8 +143,8 @@ def test_every_walk_is_in_the_sensors_view_and_no_partition_is(walks):
 
 
 def test_routes_end_on_the_side_to_which_they_go(walks):
-    assert ROUTE_LANDMARKS.keys() == ROUTES.keys()
-    for name, (start, end) in ROUTE_LANDMARKS.items():
+    assert DESKS.keys() == ROUTES.keys()
+    for name, (start, end) in DESKS.items():
         path = walks[f"subject01_{name}"].truth.head_position_m
         assert (start == "far") == (ROUTES[name].group != "straight")
         assert np.sign(path[-1, 1] - path[0, 1]) == (1 if end == "left" else -1)

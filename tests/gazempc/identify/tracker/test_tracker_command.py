@@ -112,7 +112,6 @@ def test_refused_recordings(tmp_path, capsys):
     assert not (tmp_path / "mine.toml").exists()
 
 
-@pytest.mark.slow
 def test_a_sensor_file_comes_back_from_what_it_sees(tmp_path):
     times_s = np.arange(0.0, 20.0, 1.0 / 30.0)
     standing_m = person_m(np.random.default_rng(2), times_s)
