@@ -220,6 +220,8 @@ class WalkerModel:
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if len({len(ensemble.weights[0]) for ensemble in (self.seeing, self.blind, self.precise)}) > 1:
+            raise WalkerModelError("the ensembles have different numbers of networks")
         knots, units = KNOTS_S.size, self.hidden.shape[-1]
         sizes = {
             "log_spread": (N_DOUBT, knots, 3),

@@ -10,12 +10,12 @@ from gazempc.sim.sensor import load_sensor, observe
 from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS
 from predictors.walker.memories import N_PLACES
-from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, RegimeMotion, WalkerModel
+from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, Ensemble, RegimeMotion, WalkerModel
 
 # Layers of networks by which all people walk, and keep to the line.
 _WALKING = np.zeros((1, 1, N_OUTPUTS), dtype=np.float32)
 _WALKING[..., WALKS] = 100.0
-NOTHING = (np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),), (_WALKING,)
+NOTHING = Ensemble((np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),), (_WALKING,))
 AHEAD_S = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.4])
 
 
@@ -27,15 +27,16 @@ def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
 
     def layers():
         weights = tuple(size * rng.standard_normal((2, *shape)).astype(np.float32) for shape in sizes)
-        return weights, tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
+        biases = tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
+        return Ensemble(weights, biases)
 
-    seeing, blind = layers(), layers()
+    ensembles = layers(), layers(), layers()
     log_spread = 0.1 * size * rng.standard_normal((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(0.05) + np.linspace(0.0, 1.0, KNOTS_S.size)[:, None]
     noise_share = np.linspace(0.5, 0.8, KNOTS_S.size)
     hidden, log_spread_hidden = (size * rng.standard_normal(shape) for shape in ((N_DOUBT, 5), (5, KNOTS_S.size, 3)))
     return WalkerModel(
-        *seeing, *blind, log_spread, hidden, log_spread_hidden, noise_share, degrees_of_freedom=degrees_of_freedom
+        *ensembles, log_spread, hidden, log_spread_hidden, noise_share, degrees_of_freedom=degrees_of_freedom
     )
 
 
@@ -47,7 +48,7 @@ def straight_model(spread_m=0.1, degrees_of_freedom=5.0, stated_share=0.0):
     log_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(spread_m)
     return WalkerModel(
-        *2 * NOTHING,
+        *3 * (NOTHING,),
         log_spread,
         noise_share=np.full(KNOTS_S.size, stated_share),
         degrees_of_freedom=degrees_of_freedom,

@@ -15,7 +15,7 @@ from experiments.fit.examples import Examples
 from experiments.fit.networks import fit_networks
 from experiments.fit.spread import errors_on_left_out
 from predictors.walker.model_file import load_walker_model
-from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, WalkerModel
+from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, Ensemble, WalkerModel
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -53,7 +53,8 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
     assert everybody.about["settings"]["steps"] == 20
     without = load_walker_model(finished / "left_out" / "subject01.npz")
     assert without.about["people"] == ["subject02"]
-    assert not np.array_equal(without.weights[0], everybody.weights[0])
+    for name in ("seeing", "blind", "precise"):
+        assert not np.array_equal(getattr(without, name).weights[0], getattr(everybody, name).weights[0])
     assert np.any(without.log_spread != everybody.log_spread)
     assert np.all(everybody.noise_share > 0.0)
     assert everybody.degrees_of_freedom >= 5.0
@@ -62,10 +63,9 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
 
 def constant_model(value):
     """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
-    bias = NOTHING[1][0].copy()
+    bias = NOTHING.biases[0].copy()
     bias[..., DEPARTURES][..., ::3] = value
-    layers = NOTHING[0], (bias,)
-    return WalkerModel(*2 * layers, straight_model().log_spread)
+    return WalkerModel(*3 * (Ensemble(NOTHING.weights, (bias,)),), straight_model().log_spread)
 
 
 def test_errors_are_by_the_model_that_has_not_seen_the_person():
@@ -99,5 +99,6 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
     assert [(job.recording, job.seed, job.variants) for job in scoring] == [(name, 1, 0) for name in people]
     read = [[person_of[path.stem] for path in job.examples] for job in fits]
     everybody = ["subject01", "subject02", "subject01"]
-    assert read == [["subject02"]] * 2 + [["subject01"] * 2] * 2 + [everybody] * 2
-    assert [job.sees_yaws for job in fits] == [True, False] * 3
+    assert read == [["subject02"]] * 3 + [["subject01"] * 2] * 3 + [everybody] * 3
+    assert [job.sees_yaws for job in fits] == [True, False, True] * 3
+    assert [job.precise for job in examples] == [False] * 3 + [True] * 3

@@ -10,7 +10,7 @@ from scipy.stats import f as f_distribution
 from experiments.fit.networks import fit_networks, seen_distance2
 from experiments.fit.spread import Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
-from predictors.walker.network import KNOTS_S, N_OUTPUTS, RegimeMotion, WalkerModel
+from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion, WalkerModel
 
 
 @pytest.mark.slow
@@ -21,7 +21,7 @@ def test_networks_learn_and_are_the_same_for_the_same_seed():
         np.testing.assert_array_equal(a, b)
     weights, biases = fits[0]
     assert weights[-1].shape[-1] == N_OUTPUTS
-    model = WalkerModel(weights, biases, weights, biases, straight_model().log_spread)
+    model = WalkerModel(*3 * (Ensemble(weights, biases),), straight_model().log_spread)
     motion = RegimeMotion(other.line_m_s.astype(float), other.places_m.astype(float))
     regimes = model.regimes(other.network.astype(float), motion)
     error = model.answer(regimes, other.spread.astype(float))[0] - other.departure_m
