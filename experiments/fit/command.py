@@ -5,10 +5,10 @@ Example: python -m experiments.fit --recordings my_walks --out out/fit
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from experiments.fit.examples import Examples
 from experiments.fit.networks import ExamplesJob, NetworksJob, examples_of, model_of
 from experiments.fit.spread import errors_on_left_out, fit_doubt
 from gazempc.errors import GazempcError
+from gazempc.files.whole import write_whole
 from gazempc.recordings.load import load
 from gazempc.results.run_summary import versions
 from gazempc.sim.sensor import SensorSpec, load_sensor
@@ -107,7 +108,8 @@ def _fit(settings: FitSettings) -> WalkerModel:
         used = [k for k, name in enumerate(people) if name != person]
         described = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
         fitted = replace(model, **vars(fit_doubt([found[k] for k in used])), about=described)
-        _save_whole(fitted, settings.out / MODEL_FILE if person is None else folder / f"{person}.npz")
+        path = settings.out / MODEL_FILE if person is None else folder / f"{person}.npz"
+        write_whole(path, partial(save_walker_model, fitted))
     for path in folder.glob("*.npz"):
         if path.stem not in names:
             path.unlink()  # of an earlier fit with other people
@@ -122,8 +124,7 @@ def _networks(
     left_out: Sequence[str | None],
 ) -> tuple[list[WalkerModel], list[Examples]]:
     folder = settings.out / "runs"
-    total = 3 * (len(paths) + len(left_out))
-    with Engine(folder, settings.jobs, settings.dask, unit="job", total=total) as engine:
+    with Engine(folder, settings.jobs, settings.dask, unit="job", total=3 * (len(paths) + len(left_out))) as engine:
         examples = [ExamplesJob(in_place(path), settings.seed, settings.variants, tracker) for path in paths]
         # Fewer are enough: they differ in the walk alone.
         precise = [replace(job, variants=max(job.variants // 2, 1), precise=True) for job in examples]
@@ -148,12 +149,6 @@ def _check(rows: list[Row]) -> list[Row]:
     if reasons:
         raise GazempcError("\n".join(reasons))
     return rows
-
-
-def _save_whole(model: WalkerModel, path: Path) -> None:
-    part = path.with_suffix(f".{os.getpid()}.part.npz")
-    save_walker_model(model, part)
-    part.replace(path)
 
 
 main = Command("fit", FitSettings, __doc__, _run).main

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway, vary_standing
-from experiments.fit.trackers import beside, draw_precise_tracker, draw_tracker, seen_through, wobble
+from experiments.fit.trackers import beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
@@ -41,9 +41,7 @@ _USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
 _SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
 # Only its inputs are used here, so that a model can be fitted where there is none yet.
-_NO_WEIGHTS = (np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),)
-_NO_BIASES = (np.zeros((1, 1, N_OUTPUTS), dtype=np.float32),)
-_NOTHING = Ensemble(_NO_WEIGHTS, _NO_BIASES)
+_NOTHING = Ensemble(*((np.zeros((1, rows, N_OUTPUTS), dtype=np.float32),) for rows in (N_INPUTS, 1)))
 _BLANK = WalkerModel(_NOTHING, _NOTHING, _NOTHING, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
 
 
@@ -156,12 +154,8 @@ def _variants(
             varied, bent = _variant(walk, straight, each, rng)
         if varied.times_s.size < _FEWEST_FRAMES:
             continue
-        if given:
-            tracker, sensor = "given", given
-        elif precise:
-            tracker, sensor = draw_precise_tracker(rng)
-        else:
-            tracker, sensor = draw_tracker(rng, "plain" if each else "other")
+        kind = "precise" if precise else "plain" if each else "other"
+        tracker, sensor = ("given", given) if given else draw_tracker(rng, kind)
         if tracker == "street":
             varied = flatten(varied)
             if rng.random() < _WOBBLE_SHARE:

@@ -54,27 +54,23 @@ _FINE_HZ = 120.0
 _USUAL_HZ = 30.0
 
 
-def draw_precise_tracker(rng: np.random.Generator) -> tuple[str, SensorSpec]:
-    """A tracker with little error at random: its kind, and the tracker."""
-    fields: dict[str, Any] = {"rate_hz": _draw_rate_hz(rng), "position_noise_m": float(rng.choice(_PRECISE_M))}
-    fields["yaw_noise_deg"] = float(rng.choice(_PRECISE_YAW_DEG))
-    return "white", SensorSpec(
-        name="precise", source="drawn at random", latency_s=0.0, **fields, **_faults(rng, "white", fields)
-    )
-
-
 def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]:
     """A tracker at random.
 
     Args:
         rng: Where chance comes from.
-        walks: ``plain`` for walks as they were recorded, ``other`` for all else.
+        walks: ``plain`` for walks as they were recorded, ``other`` for all else; ``precise`` for a tracker with little
+            error.
 
     Returns:
         Its kind, one of `KINDS`, and the tracker.
     """
-    kind = str(rng.choice(KINDS, p=_SHARES[walks]))
     fields: dict[str, Any] = {"rate_hz": _USUAL_HZ}
+    if walks == "precise":
+        fields["rate_hz"], white_m = _draw_rate_hz(rng), float(rng.choice(_PRECISE_M))
+        fields |= {"position_noise_m": white_m, "yaw_noise_deg": float(rng.choice(_PRECISE_YAW_DEG))}
+        return "white", _drawn("white", fields, rng)
+    kind = str(rng.choice(KINDS, p=_SHARES[walks]))
     head, pelvis = _ORIENTATIONS[rng.choice(4, p=_ORIENTATION_SHARES)]
     yaws: list[dict[str, Any]] = [{}, {}]
     if kind in {"white", "jumps"}:
@@ -113,7 +109,11 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
     else:
         fields["rate_hz"] = _draw_rate_hz(rng)
     fields["head_yaw"], fields["pelvis_yaw"] = ({"reported": r, **y} for r, y in zip((head, pelvis), yaws, strict=True))
-    return kind, SensorSpec(name=kind, source="drawn at random", latency_s=0.0, **fields, **_faults(rng, kind, fields))
+    return kind, _drawn(kind, fields, rng)
+
+
+def _drawn(kind: str, fields: dict[str, Any], rng: np.random.Generator) -> SensorSpec:
+    return SensorSpec(name=kind, source="drawn at random", latency_s=0.0, **fields, **_faults(rng, kind, fields))
 
 
 def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
@@ -154,7 +154,8 @@ def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.rando
     Returns:
         The observations, in order of capture.
     """
-    if sensor.rate_hz > _USUAL_HZ or sensor.timing.frame_jitter_s > 0 or not _on_usual_grid(sensor.rate_hz):
+    frames = _USUAL_HZ / sensor.rate_hz
+    if sensor.timing.frame_jitter_s > 0 or frames < 1.0 or abs(frames - round(frames)) > 1e-9:
         walk = _finer(walk)
     positions = walk.head_m + _street_error_m(walk.times_s, rng) if kind == "street" else walk.head_m
     head, pelvis = (_quats(yaw) for yaw in (walk.head_yaw_rad, walk.pelvis_yaw_rad))
@@ -168,10 +169,6 @@ def _finer(walk: GaplessWalk) -> GaplessWalk:
     t = np.arange(walk.times_s[0], walk.times_s[-1] + 1e-9, 1.0 / _FINE_HZ)
     yaws = (np.interp(t, walk.times_s, yaw) for yaw in (walk.pelvis_yaw_rad, walk.head_yaw_rad))
     return GaplessWalk(t, CubicSpline(walk.times_s, walk.head_m)(t), *yaws)
-
-
-def _on_usual_grid(rate_hz: float) -> bool:
-    return abs(_USUAL_HZ / rate_hz - round(_USUAL_HZ / rate_hz)) < 1e-9
 
 
 def _draw_rate_hz(rng: np.random.Generator) -> float:

@@ -7,7 +7,7 @@ import zipfile
 import zlib
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -18,12 +18,12 @@ _ENSEMBLES = ("seeing", "blind", "precise")
 _WHOLE = ("log_spread", "hidden", "log_spread_hidden", "noise_share", "decision", "degrees_of_freedom")
 
 
-def save_walker_model(model: WalkerModel, path: Path) -> None:
+def save_walker_model(model: WalkerModel, path: Path | IO[bytes]) -> None:
     """Write a model to an `.npz` file.
 
     Args:
         model: The model.
-        path: The file.
+        path: The file, or one that is open.
     """
     arrays: dict[str, Any] = {name: getattr(model, name) for name in _WHOLE} | {"about": json.dumps(model.about)}
     for name in _ENSEMBLES:
