@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from builders.own_modules import write_own_parts
+from builders.own_modules import SPOILT, write_own_parts
+from builders.program import assert_refused
 
 from benchmarks.faults.wrongs import FAMILIES
 from gazempc.live.session import main
@@ -54,30 +55,8 @@ REFUSED = [
 
 @pytest.mark.parametrize(("words", "named"), REFUSED)
 def test_what_is_wrong_with_a_part_is_said_before_anything_moves(own, words, named, tmp_path, capsys):
-    words = [word.format(own=own) for word in words]
-    assert main(["--source", "replay", *words, *QUICK, "--out", str(tmp_path / "out")]) == 2
-    complained = capsys.readouterr().err
-    assert all(word.format(own=own) in complained for word in named), complained
-    assert "Traceback" not in complained
-    assert not list(tmp_path.glob("out/*"))
-
-
-SPOILT = """
-from benchmarks.faults.wrongs import FAMILIES
-from {module} import {base}
-KINDS = [change for name, change in FAMILIES["{family}"].items() if name not in ("blocks for 1 s", "15 ms each")]
-
-class Spoilt({base}):
-    calls = 0
-
-    def spoilt(self, *args):
-        self.calls += 1
-        answer = super().{method}(*args) if "{method}" != "finished" else super().finished
-        spoils = self.calls > {good_calls}
-        return KINDS[self.calls // 2 % len(KINDS)](answer) if spoils else answer
-
-    {method} = {wrap}(spoilt)
-"""
+    words, named = ([word.format(own=own) for word in each] for each in (words, named))
+    assert_refused(["--source", "replay", *words, *QUICK], named, tmp_path, capsys)
 
 
 @pytest.mark.slow

@@ -9,12 +9,12 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
 from builders.live import run_live
-from builders.visca import camera
+from builders.robots import with_both
+from builders.visca import camera, emulated
 
 import gazempc as gz
 from gazempc.errors import SettingsError
@@ -27,7 +27,6 @@ from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.spec import load_neck
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.results.motion import readings
-from gazempc.robots.ptz_emulator import picture_url
 from gazempc.sim.simulated import SimulatedNeck
 
 PTZ = load_neck("ptz")
@@ -44,8 +43,7 @@ def mujoco_neck(neck, start_rad, clock_s):
 @functools.cache
 def sent_angles():
     """What the same neck does that is sent angles."""
-    angles = {axis: getattr(PTZ, axis).model_copy(update={"command": "position"}) for axis in ("pan", "tilt")}
-    return run_live(neck=PTZ.model_copy(update=angles), duration_s=3.0).joined("joint_position_rad")
+    return run_live(neck=with_both(PTZ, command="position"), duration_s=3.0).joined("joint_position_rad")
 
 
 @pytest.mark.parametrize(("neck", "robot_class"), [(PTZ, mujoco_neck), (COARSE, SimulatedNeck)])
@@ -128,21 +126,6 @@ def test_a_probe_on_the_command_line(capsys):
         assert line in said
     assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 2
     assert main(["--robot", "simulated", "--probe"]) == 2
-
-
-@contextmanager
-def emulated(protocol):
-    """Robot and picture of the emulated camera by a protocol, as words of the command line."""
-    for package in ("mujoco", "cv2", "skimage"):
-        pytest.importorskip(package)
-    if protocol == "visca":
-        yield "--robot visca:emulator --source camera:emulator"
-        return
-    onvif = pytest.importorskip("builders.onvif")
-    with closing(onvif.EmulatedCamera(PTZ)) as plant, onvif.onvif_camera(PTZ, plant=plant) as server:
-        picture = f"--source camera:{picture_url()} --camera.fov-deg 60 --camera.latency-ms 200"
-        view = "--framing.view-deg 60 36 --options.onvif.range-deg 100 -100 -25 25"
-        yield f"--robot onvif:127.0.0.1:{server.port} --neck ptz {picture} {view}"
 
 
 def in_zone(log):

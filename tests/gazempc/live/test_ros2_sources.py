@@ -20,16 +20,12 @@ from builders.ros2_graph import (
 )
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import SettingsError
-from gazempc.live.clock import RealClock
 from gazempc.live.run import LiveRun
-from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import setup_of_gaze
 from gazempc.live.sources.ros2 import Ros2Person
-from gazempc.live.sources.ros2_cues import Ros2Cues, make_cue_source
-from gazempc.neck.spec import load_neck
+from gazempc.live.sources.ros2_cues import Ros2Cues
 from gazempc.people.company import Glance, Sound
-from gazempc.robots.options import RobotOptions, Ros2Options
+from gazempc.robots.options import Ros2Options
 
 TOPIC, POSE = "/person/head", "geometry_msgs/msg/PoseStamped"
 WITH_COVARIANCE, POINT = "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PointStamped"
@@ -195,20 +191,6 @@ def test_speech_heard_by_a_head_that_is_turned(stage):
     stage.put("/heard", INT, make_message(INT, data=20))
     (sound,), _ = polled(source, 1)
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20 - 50 + 10)
-
-
-@pytest.mark.parametrize(
-    ("ros2", "settings", "why"),
-    [
-        ({"point_topic": "p"}, {"attend": "nearest"}, "needs options.ros2.base_frame"),
-        ({"point_topic": "p", "base_frame": "b"}, {}, "look_away.rhythm told"),
-        ({"sound_topic": "s"}, {"look_away": {"rhythm": "told"}}, "accepted with attend, such as speaker"),
-    ],
-)
-def test_topics_that_do_not_go_with_the_settings(ros2, settings, why):
-    told = LiveSettings(source="ros4hri", options=RobotOptions(ros2=Ros2Options(**ros2)), **settings)
-    with pytest.raises(SettingsError, match=why):
-        make_cue_source(told, load_neck("reference"), RealClock(), mounted=True)
 
 
 def test_a_gaze_from_python_hears_them_too(stage):

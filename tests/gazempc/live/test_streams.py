@@ -1,13 +1,13 @@
 """Lines from standard input, UDP and TCP: put together however they are cut, and back after every interruption."""
 
-import json
 import socket
 import sys
 import time
 
 import pytest
 from builders.ports import free_port
-from builders.waiting import FOREVER_S, wait_for
+from builders.waiting import FOREVER_S
+from builders.wires import Collector, Scripted, line, numbers
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.source import SourceError
@@ -23,56 +23,6 @@ def test_addresses():
     for text in ("", "65536", "host:-1", "host:²"):
         with pytest.raises(SourceError, match="udp:PORT"):
             parse_address("udp:" + text, text, "here")
-
-
-def line(k, **other):
-    return json.dumps({"age_s": 0.01, "head_position_m": [2.0, 0.001 * k, 0.4]} | other).encode() + b"\n"
-
-
-def numbers(sightings):
-    return [round(1000 * s.observation.head_position_base_m[1]) for s in sightings]
-
-
-class Collector:
-    """Polls a source until enough has come."""
-
-    def __init__(self, source):
-        self.source, self.sightings, self.cues, self.problems, self.notices = source, [], [], [], []
-
-    def until(self, done):
-        def polled():
-            arrived = self.source.poll()
-            self.sightings += arrived.sightings
-            self.cues += arrived.cues
-            self.problems += arrived.problems
-            self.notices += arrived.notices
-            return done(self)
-
-        wait_for(polled, FOREVER_S, why=lambda: f"{numbers(self.sightings)}, {self.problems}")
-        return self
-
-
-class Scripted:
-    """A wire that gives prepared chunks; None at the end, or OSError."""
-
-    name = "a wire"
-
-    def __init__(self, chunks, end=None):
-        self.chunks, self.end, self.closed = list(chunks), end, 0
-
-    def open(self):
-        pass
-
-    def read(self):
-        if self.chunks:
-            chunk = self.chunks.pop(0)
-            return [chunk if isinstance(chunk, Chunk) else Chunk(chunk)]
-        if self.end is not None:
-            raise self.end
-        return None
-
-    def close(self):
-        self.closed += 1
 
 
 def read_from(wire, **options):

@@ -10,12 +10,10 @@ from contextlib import closing, suppress
 import numpy as np
 import pytest
 from builders.live import NECK
-from builders.mcap import column, decoded
+from builders.mcap import column, decoded, times_of_what_is_there
 from builders.ports import free_port
 from builders.replays import cut, run_info
 from builders.waiting import wait_for
-from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
 from websockets.sync.client import connect
 
 import gazempc as gz
@@ -112,15 +110,6 @@ def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_s
     assert feed.problems == ["the process for viewers has gone"]
     assert times_of_what_is_there(path)[: len(found)] == found
     np.testing.assert_array_equal(found, log.time_s[: len(found)])
-
-
-def times_of_what_is_there(path):
-    found = []
-    with path.open("rb") as file, suppress(McapError):  # where it was cut off
-        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
-            if channel.topic == "/ticks":
-                found.append(json.loads(message.data)["time_s"])
-    return found
 
 
 def test_a_folder_that_cannot_be_written_ends_the_start(tmp_path):
