@@ -1,5 +1,6 @@
 """A robot as a user of `gazempc.Gaze` has it."""
 
+import math
 import threading
 import time
 from types import SimpleNamespace
@@ -38,3 +39,15 @@ def assert_braked_and_closed(robot):
     sent = np.array(robot.sent)
     assert_within_limits(sent, START_RAD, ends=True)
     return sent
+
+
+def see_for(opened, seconds, stamp=time.time):
+    """A person walks by, at 30 frames a second."""
+    start_s = time.monotonic()
+    while (elapsed_s := time.monotonic() - start_s) < seconds:
+        opened.see(stamp() - 0.03, [2.0, 1.2 * math.sin(1.5 * elapsed_s), 0.3], head_quat_wxyz=[1, 0, 0, 0])
+        time.sleep(1 / 30)
+
+
+def moves(robot):
+    return len(robot.sent) > 1 and np.abs(np.diff(robot.sent[-2:], axis=0)).max() > 1e-4

@@ -143,13 +143,14 @@ class Grey(Empty):
 """
 
 
-def write_own_camera(folder):
-    """Write the module `portrait_camera`."""
+def write_own_camera(folder, monkeypatch):
+    """Write the module `portrait_camera` into a folder that becomes the working directory."""
     (folder / "portrait_camera.py").write_text(CAMERA)
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
 
 
-# A part of which each answer but the first ones is wrong in another way.
-SPOILT = """
+_SPOILT = """
 from benchmarks.faults.wrongs import FAMILIES
 from {module} import {base}
 KINDS = [change for name, change in FAMILIES["{family}"].items() if name not in ("blocks for 1 s", "15 ms each")]
@@ -165,6 +166,21 @@ class Spoilt({base}):
 
     {method} = {wrap}(spoilt)
 """
+_SPOILT_BASES = {"Robot": "Head", "Source": "Walker", "Controller": "Reactive", "Predictor": "ConstantVelocity"}
+
+
+def write_spoilt(folder, family, own):
+    """Write a module with the part `Spoilt`, of which each answer but the first ones is wrong in another way."""
+    part, method = family.split(".")
+    module, wrap = own if part in ("Robot", "Source") else "gazempc", "property" if method == "finished" else ""
+    # Closed once; the others are tried out when they are made.
+    text = _SPOILT.format(
+        module=module, base=_SPOILT_BASES[part], family=family, method=method, wrap=wrap,
+        good_calls=0 if method == "close" else 40,
+    )  # fmt: skip
+    name = family.replace(".", "_").lower()
+    (folder / f"{name}.py").write_text(text)
+    return name
 
 
 OPENS_AND_IS_KILLED = """

@@ -1,8 +1,10 @@
 """Lines of observations, a wire that gives prepared ones, and what came of them."""
 
 import json
+import socket
 
 from builders.waiting import FOREVER_S, wait_for
+from gazempc.live.clock import RealClock
 from gazempc.live.sources.wires import Chunk
 
 
@@ -54,3 +56,18 @@ class Scripted:
 
     def close(self):
         self.closed += 1
+
+
+class SteppedClock(RealClock):
+    """The real clock, set on by a test."""
+
+    ahead_s = 0.0
+
+    def now_s(self):
+        return super().now_s() + self.ahead_s
+
+
+def serve(port):
+    server = socket.create_server(("127.0.0.1", port))
+    server.settimeout(FOREVER_S)
+    return server

@@ -1,12 +1,11 @@
 """The camera source: rendered people at known places, its process, files and streams, and what it refuses."""
 
-import contextlib
 import json
 import os
 import subprocess
 import sys
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import cv2
@@ -38,9 +37,7 @@ WITH_HERE = os.environ | {"PYTHONPATH": os.pathsep.join(["", str(Path(__file__).
 
 @pytest.fixture
 def own_camera(tmp_path, monkeypatch):
-    write_own_camera(tmp_path)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
+    write_own_camera(tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
@@ -112,7 +109,7 @@ def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
     )
     process_id = int(done.stdout)
     stat = Path(f"/proc/{process_id}/stat")
-    with contextlib.suppress(OSError):  # it has gone; a zombie has ended
+    with suppress(OSError):  # it has gone; a zombie has ended
         wait_for(lambda: stat.read_text().rpartition(")")[2].split()[0] == "Z", FOREVER_S)
 
 

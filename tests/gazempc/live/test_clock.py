@@ -95,6 +95,7 @@ def unix(off_s=0.0, per_s=1.0):
 WRONG = {
     "milliseconds": (unix(per_s=1e3), "--stamps.unit ms"),
     "monotonic": (unix(MONOTONIC_S - UNIX_S), "--stamps.clock monotonic"),
+    "milliseconds, monotonic": (unix(MONOTONIC_S - UNIX_S, 1e3), "--stamps.clock monotonic --stamps.unit ms"),
     "milliseconds of another clock": (unix(-37.3, 1e3), "--stamps.clock other --stamps.unit ms"),
     "simulated time": (20.0 + 0.3 * ARRIVALS_S, "--stamps.clock arrival"),
     # A whole second passes in the middle of them, whenever the test runs.

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from builders.gazes import Robot, assert_braked_and_closed
+from builders.gazes import Robot, assert_braked_and_closed, moves, see_for
 from builders.live import NECK
 from builders.waiting import FOREVER_S, wait_for
 
@@ -20,18 +20,6 @@ from gazempc.results.motion import limit_violations
 
 def gaze(robot, **settings):
     return gz.Gaze(NECK, robot, predictor="constant_velocity", **settings)
-
-
-def see_for(opened, seconds, stamp=time.time):
-    """A person walks by, at 30 frames a second."""
-    start_s = time.monotonic()
-    while (elapsed_s := time.monotonic() - start_s) < seconds:
-        opened.see(stamp() - 0.03, [2.0, 1.2 * math.sin(1.5 * elapsed_s), 0.3], head_quat_wxyz=[1, 0, 0, 0])
-        time.sleep(1 / 30)
-
-
-def moves(robot):
-    return len(robot.sent) > 1 and np.abs(np.diff(robot.sent[-2:], axis=0)).max() > 1e-4
 
 
 def test_it_looks_at_the_person_that_is_seen_and_whatever_ends_the_block_the_neck_is_braked():

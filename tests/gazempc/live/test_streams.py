@@ -6,8 +6,7 @@ import time
 
 import pytest
 from builders.ports import free_port
-from builders.waiting import FOREVER_S
-from builders.wires import Collector, Scripted, line, numbers
+from builders.wires import Collector, Scripted, SteppedClock, line, numbers, serve
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.source import SourceError
@@ -110,15 +109,6 @@ def test_a_silent_sender_keeps_its_place_for_ten_minutes_and_one_whose_port_is_c
         Senders(["nobody"])
 
 
-class SteppedClock(RealClock):
-    """The real clock, set on by a test."""
-
-    ahead_s = 0.0
-
-    def now_s(self):
-        return super().now_s() + self.ahead_s
-
-
 def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
     clock, port = SteppedClock(), free_port(socket.SOCK_DGRAM)
     source = LineSource(UdpPort("127.0.0.1", port), clock)
@@ -170,12 +160,6 @@ def test_who_listens_beyond_the_loopback_is_warned_of_the_risk(host, allowed, wa
     source.open()
     assert [(n.event, n.count) for n in source.poll().notices] == ([(Event.OPEN_TO_ALL, 0)] if warned else [])
     source.close()
-
-
-def serve(port):
-    server = socket.create_server(("127.0.0.1", port))
-    server.settimeout(FOREVER_S)
-    return server
 
 
 def test_tcp_when_the_server_goes_away_and_comes_back():
