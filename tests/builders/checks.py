@@ -5,6 +5,9 @@ import functools
 import numpy as np
 
 from builders.live import NECK, TS, run_live
+from gazempc.neck.kinematics import look_at_rad
+from gazempc.neck.picture import FramedPicture, Framing
+from gazempc.results.motion import readings
 
 
 def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False, rests=True):
@@ -70,3 +73,14 @@ def assert_same_commands(result, within_rad):
     usual = undisturbed().joined("command_position_rad")[: len(sent)]
     assert len(sent) > 2.0 / TS
     np.testing.assert_allclose(sent, usual, atol=within_rad, rtol=0)
+
+
+def in_zone(log):
+    """Share of the observations, from 3 s on, within the zone of the picture when they were captured."""
+    picture = FramedPicture.of(Framing.model_validate(log.run.settings["framing"]), log.neck)
+    looks_rad = look_at_rad(log.neck.geometry, log.head_observed_base_m)
+    seen_s, read = log.capture_time_s, readings(log)
+    at_rad = np.stack([np.interp(seen_s, read.time_s, read.position_rad[:, k]) for k in range(2)], axis=1)
+    turning_rad_s = np.gradient(looks_rad[:, 0], seen_s)
+    inside = np.abs(picture.aim_rad(looks_rad, turning_rad_s) - at_rad) <= picture.zone_rad
+    return float(np.all(inside, axis=1)[seen_s > 3.0].mean())

@@ -1,15 +1,18 @@
 """Faults to inject into a live run."""
 
 import dataclasses
+import sys
+import time
 
 import numpy as np
 
-from builders.live import NECK
+from builders.live import NECK, Faulty
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import SimulatedClock
+from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import ImmediatePlanner
-from gazempc.types import JointState
-from predictors import ConstantVelocity
+from gazempc.types import JointState, Sighting
+from predictors import ConstantVelocity, HeadObservation
 
 
 def between(start_s, stop_s):
@@ -92,3 +95,44 @@ class Jumping(SimulatedClock):
         super().sleep_until_s(time_s)
         if self.jumps and self.now_s() >= self.jumps[0][0] - 1e-9:
             super().sleep_until_s(self.now_s() + self.jumps.pop(0)[1])
+
+
+class Flood(Faulty):
+    """Forty observations at each poll, all new."""
+
+    def poll(self):
+        now_s = self.clock.now_s()
+        times_s = np.linspace(getattr(self, "last_s", self.start_s), now_s, 41)[1:]
+        self.last_s = now_s
+        return Arrived(tuple(Sighting(now_s, HeadObservation(float(t), np.array([2.0, 0.1, 0.4]))) for t in times_s))
+
+
+class Slow(ConstantVelocity):
+    """Each update takes its time."""
+
+    def update(self, observation):
+        time.sleep(0.003)
+        super().update(observation)
+
+
+class Jittery(SimulatedClock):
+    """Wakes up late by 0 to 2 ms, as a real computer does."""
+
+    def __init__(self):
+        super().__init__()
+        self._rng = np.random.default_rng(0)
+
+    def sleep_until_s(self, time_s):
+        super().sleep_until_s(time_s + self._rng.uniform(0.0, 0.002))
+
+
+class Exits(ConstantVelocity):
+    """Calls sys.exit once."""
+
+    forecasts = 0
+
+    def forecast(self, times_s):
+        self.forecasts += 1
+        if self.forecasts == 1:
+            sys.exit("bye")
+        return super().forecast(times_s)

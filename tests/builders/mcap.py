@@ -1,11 +1,13 @@
 """Reads MCAP files as a viewer does: with the `mcap` library, and by the schemas in the file."""
 
 import json
+from contextlib import suppress
 from functools import cache
 
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from mcap.reader import make_reader
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, make_reader
 from scipy.spatial.transform import Rotation
 
 
@@ -67,3 +69,13 @@ def placed(frames, child):
         child = each.parent_frame_id
     assert child == "base"
     return at_m, turn
+
+
+def times_of_what_is_there(path):
+    """Times of the ticks in a file that may be cut off."""
+    found = []
+    with path.open("rb") as file, suppress(McapError):  # where it was cut off
+        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+            if channel.topic == "/ticks":
+                found.append(json.loads(message.data)["time_s"])
+    return found

@@ -103,3 +103,95 @@ def write_own_parts(folder):
     name = f"own_parts_{next(_NUMBERS)}"
     (folder / f"{name}.py").write_text(PREDICTOR + CONTROLLER + ROBOT + SOURCE, encoding="utf-8")
     return name
+
+
+CAMERA = """
+import time
+import numpy as np
+from skimage import data
+
+PORTRAIT = data.astronaut()[:384, 90:360]
+
+class Empty:
+    def read(self):
+        time.sleep(0.02)
+        return np.zeros((480, 640, 3), np.uint8), time.monotonic()
+
+    def close(self):
+        pass
+
+class Row(Empty):
+    '''People side by side, 20 times a second, each picture captured 50 ms before it is there; then it breaks.'''
+
+    count = 0
+
+    def __init__(self, people: int):
+        # 0.4 m from face to face, at 1 m.
+        self.picture = np.hstack([PORTRAIT, PORTRAIT[:, ::-1], PORTRAIT][:people])
+
+    def read(self):
+        self.count += 1
+        if self.count > 12:
+            raise OSError("the cable was pulled")
+        captured_s = time.monotonic()
+        time.sleep(0.05)
+        return self.picture, captured_s
+
+class Grey(Empty):
+    def read(self):
+        return np.zeros((480, 640)), time.monotonic()
+"""
+
+
+def write_own_camera(folder, monkeypatch):
+    """Write the module `portrait_camera` into a folder that becomes the working directory."""
+    (folder / "portrait_camera.py").write_text(CAMERA)
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+
+
+_SPOILT = """
+from benchmarks.faults.wrongs import FAMILIES
+from {module} import {base}
+KINDS = [change for name, change in FAMILIES["{family}"].items() if name not in ("blocks for 1 s", "15 ms each")]
+
+class Spoilt({base}):
+    calls = 0
+
+    def spoilt(self, *args):
+        self.calls += 1
+        answer = super().{method}(*args) if "{method}" != "finished" else super().finished
+        spoils = self.calls > {good_calls}
+        return KINDS[self.calls // 2 % len(KINDS)](answer) if spoils else answer
+
+    {method} = {wrap}(spoilt)
+"""
+_SPOILT_BASES = {"Robot": "Head", "Source": "Walker", "Controller": "Reactive", "Predictor": "ConstantVelocity"}
+
+
+def write_spoilt(folder, family, own):
+    """Write a module with the part `Spoilt`, of which each answer but the first ones is wrong in another way."""
+    part, method = family.split(".")
+    module, wrap = own if part in ("Robot", "Source") else "gazempc", "property" if method == "finished" else ""
+    # Closed once; the others are tried out when they are made.
+    text = _SPOILT.format(
+        module=module, base=_SPOILT_BASES[part], family=family, method=method, wrap=wrap,
+        good_calls=0 if method == "close" else 40,
+    )  # fmt: skip
+    name = family.replace(".", "_").lower()
+    (folder / f"{name}.py").write_text(text)
+    return name
+
+
+OPENS_AND_IS_KILLED = """
+import os, signal
+from gazempc.live.clock import RealClock
+from gazempc.live.sources.camera.capture import CameraOptions
+from gazempc.live.sources.camera.source import CameraSource
+
+if __name__ == "__main__":
+    source = CameraSource("portrait_camera:Empty", CameraOptions(), RealClock())
+    source.open()
+    print(source._process.pid, flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""

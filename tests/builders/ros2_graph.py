@@ -3,11 +3,13 @@
 import math
 from collections import defaultdict, deque
 from functools import cache
+from types import SimpleNamespace
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 OPTICAL = "camera_color_optical_frame"
 TF, IDS, TEXT = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
+POINT, WITH_COVARIANCE = "geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
 # The loop's clock began at this Unix time, and now it is 300.3 s later.
 UNIX_START_S = 1763718000
 NOW_S = 300.3
@@ -46,6 +48,27 @@ def pose_stamped(position_m, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_li
     return make_message(
         "geometry_msgs/msg/PoseStamped", header=header(frame_id, at_s), pose=pose(position_m, quat_wxyz)
     )
+
+
+def with_covariance(position_m, covariance, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_link", at_s=NOW_S):
+    stated = make_message(
+        "geometry_msgs/msg/PoseWithCovariance", pose=pose(position_m, quat_wxyz), covariance=covariance.ravel()
+    )
+    return make_message(WITH_COVARIANCE, header=header(frame_id, at_s), pose=stated)
+
+
+def stamped_point(frame_id, place_m, at_s=None):
+    return make_message(POINT, header=header(frame_id, at_s), point=point(place_m))
+
+
+def detections(*stated, covariance):
+    """Heads with name, score, position and box, which the types of ROS 2 itself do not have."""
+    found = []
+    for name, score, position_m, box_m in stated:
+        at = SimpleNamespace(pose=pose(position_m), covariance=covariance.ravel())
+        result = SimpleNamespace(hypothesis=SimpleNamespace(class_id="head", score=score), pose=at)
+        found.append(SimpleNamespace(id=name, results=[result], bbox=SimpleNamespace(center=pose(box_m))))
+    return SimpleNamespace(header=header("camera_link", NOW_S), detections=found)
 
 
 def transform(child, position_m, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_link", at_s=NOW_S - 0.1):

@@ -154,14 +154,6 @@ def test_what_is_given_goes_to_who_asks_and_an_option_wins():
     assert made(given={"neck": "long"}, neck="short").neck == "short"
 
 
-@pytest.fixture(scope="module")
-def own(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("own")
-        patch.syspath_prepend(folder)
-        yield write_own_parts(folder)
-
-
 def test_an_option_goes_to_every_part_that_takes_it_or_to_one_kind(own):
     options = {"gain": 1, "controller.gain": 2, "predictor.noise_m": 3, "zero_deg": 4}
     assert options_for(CONTROLLER, f"{own}:Eager", options) == {"gain": 2}

@@ -1,41 +1,20 @@
 """From a picture to people: faces and their names, directions as OpenCV projects them, heads with errors as stated."""
 
-import cv2
 import numpy as np
 import pytest
 import yaml
+from builders.cameras import DISTORTION, MATRIX, TANGENTS, Faces, opencv_file, points_of, projected
 from scipy.spatial.transform import Rotation
 from skimage import data
 
 from gazempc.errors import SettingsError
-from gazempc.live.sources.camera.blazeface import BlazeFace, Face
+from gazempc.live.sources.camera.blazeface import BlazeFace
 from gazempc.live.sources.camera.finder import FaceFinder
 from gazempc.live.sources.camera.head import head_from_points
 from gazempc.live.sources.camera.intrinsics import from_calibration, from_field_of_view
 
 FRAME_S = 1 / 15
 PICTURE = np.zeros((480, 640, 3), np.uint8)
-# Key points of a face of width 1 around the middle of its box: eyes, nose, mouth, ears.
-POINTS = np.array([[-0.19, -0.2], [0.19, -0.2], [0, 0.02], [0, 0.22], [-0.42, -0.07], [0.42, -0.07]])
-
-
-class Faces:
-    """Finds what a test puts into `here`: middle and width in pixels. It sees faces of a sixteenth of the square on."""
-
-    def __init__(self):
-        self.here = []
-        self.score = self.mirrored_score = 0.8
-
-    def faces(self, picture, corner_px, side_px, score_min, mirrored=False):
-        found = []
-        for x, y, width in self.here:
-            inside = all(
-                low + width / 4 <= at <= low + side_px - width / 4 for at, low in zip((x, y), corner_px, strict=True)
-            )
-            score = self.mirrored_score if mirrored else self.score
-            if inside and side_px / 16 <= width <= side_px / 1.5 and score_min <= score:
-                found.append(Face(np.array([x, y, width, width]), np.array([x, y]) + width * POINTS, score))
-        return found
 
 
 @pytest.fixture
@@ -130,26 +109,6 @@ def test_a_face_is_found_in_pixels_of_the_picture_also_beyond_its_edges_and_none
     assert detector.faces(data.astronaut(), (0, 250), 256, 0.5) == []
 
 
-MATRIX = np.array([[610.0, 0, 331.0], [0, 605.0, 236.0], [0, 0, 1]])
-DISTORTION = np.array([-0.31, 0.11, 0.001, -0.0005, -0.02])
-POINTS_M = np.array([[2.0, 0.7, 0.3], [1.0, -0.3, -0.2], [3.0, 0.0, 0.0]])  # x along the view, y left, z up
-TANGENTS = POINTS_M[:, 1:] / POINTS_M[:, :1]
-
-
-def projected(matrix, distortion):
-    """Pixels by OpenCV, whose z is along the view, x right, y down."""
-    optical = np.stack([-POINTS_M[:, 1], -POINTS_M[:, 2], POINTS_M[:, 0]], axis=1)
-    return cv2.projectPoints(optical, np.zeros(3), np.zeros(3), matrix, distortion)[0][:, 0]
-
-
-def opencv_file(path, **fields):
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for name, value in fields.items():
-        storage.write(name, value)
-    storage.release()
-    return path
-
-
 @pytest.mark.parametrize(
     ("ending", "names"),
     [("yml", ("camera_matrix", "distortion_coefficients")), ("xml", ("cameraMatrix", "distCoeffs")), ("json", "KD")],
@@ -193,21 +152,6 @@ def test_a_file_that_cannot_be_used_is_refused(tmp_path, fields, named):
         from_calibration(opencv_file(tmp_path / "c.yml", **fields), 640, 480)
 
 
-# Right eye, left eye, nose, mouth, right ear, left ear: x to the front, y to the person's left, z up.
-LEFT_M, EAR_M, RIGHT = np.array([0, 0.0315, 0]), np.array([-0.085, 0.070, -0.022]), np.array([1, -1, 1])
-FACE_M = np.array([LEFT_M * RIGHT, LEFT_M, [0.022, 0, -0.036], [0.004, 0, -0.070], EAR_M * RIGHT, EAR_M])
-
-
-def seen(eyes_m, yaw_deg, roll_deg=0.0, scale=1.0):
-    """Tangents at which a head's points are seen; yaw from straight towards the origin."""
-    yaw = np.deg2rad(180 + yaw_deg) + np.arctan2(eyes_m[1], eyes_m[0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    r = np.deg2rad(roll_deg)
-    rolled = scale * FACE_M @ np.array([[1, 0, 0], [0, np.cos(r), np.sin(r)], [0, -np.sin(r), np.cos(r)]])
-    points = rolled @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + eyes_m
-    return points[:, 1:] / points[:, :1]
-
-
 def facing_deg(head):
     front = Rotation.from_quat(head.quat_wxyz, scalar_first=True).apply([1, 0, 0])
     return np.rad2deg(np.arctan2(front[1], front[0])) % 360
@@ -217,7 +161,7 @@ def facing_deg(head):
 @pytest.mark.parametrize("eyes_m", [[1.0, 0.0, 0.0], [3.5, -1.2, 0.4]])
 def test_an_exact_face_is_found_where_it_is(eyes_m, yaw_deg):
     eyes_m = np.array(eyes_m)
-    head = head_from_points(seen(eyes_m, yaw_deg), 1e-4)
+    head = head_from_points(points_of(eyes_m, yaw_deg), 1e-4)
     assert np.linalg.norm(head.position_m) == pytest.approx(np.linalg.norm(eyes_m), rel=0.02)
     across_m = head.position_m - eyes_m * (head.position_m @ eyes_m) / (eyes_m @ eyes_m)
     assert np.rad2deg(np.linalg.norm(across_m) / np.linalg.norm(eyes_m)) < 0.05
@@ -227,7 +171,7 @@ def test_an_exact_face_is_found_where_it_is(eyes_m, yaw_deg):
 
 def test_the_range_is_uncertain_and_the_bearing_is_not():
     eyes_m = np.array([2.0, 0.8, -0.3])
-    head = head_from_points(seen(eyes_m, 10), 0.001)
+    head = head_from_points(points_of(eyes_m, 10), 0.001)
     variances, axes = np.linalg.eigh(head.covariance_m2)
     sight = head.position_m / np.linalg.norm(head.position_m)
     assert abs(axes[:, 2] @ sight) == pytest.approx(1.0, abs=1e-6)
@@ -239,7 +183,7 @@ def test_errors_of_the_points_are_as_large_as_stated():
     """Monte Carlo: points with the stated error; errors of positions and yaws are as the covariance states, or less."""
     rng = np.random.default_rng(0)
     eyes_m, sd = np.array([2.5, -0.5, 0.2]), 0.002
-    heads = [head_from_points(seen(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd) for _ in range(60)]
+    heads = [head_from_points(points_of(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd) for _ in range(60)]
     head, yaws = heads[-1], [facing_deg(each) for each in heads]
     bearings = [np.cross(each.position_m, eyes_m) / (eyes_m @ eyes_m) for each in heads]
     stated_yaw = [np.rad2deg(each.yaw_sd_rad) for each in heads]
@@ -250,6 +194,6 @@ def test_errors_of_the_points_are_as_large_as_stated():
 
 
 def test_a_face_of_a_few_blurred_pixels_has_no_yaw():
-    head = head_from_points(seen(np.array([4.0, 0.0, 0.0]), 0), 0.02)
+    head = head_from_points(points_of(np.array([4.0, 0.0, 0.0]), 0), 0.02)
     assert head.quat_wxyz is None
     assert head.yaw_sd_rad is None

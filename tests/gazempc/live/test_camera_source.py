@@ -1,19 +1,19 @@
 """The camera source: rendered people at known places, its process, files and streams, and what it refuses."""
 
-import contextlib
 import json
 import os
 import subprocess
 import sys
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from builders.cameras import studio
+from builders.cameras import Falling, Frozen, Silent, studio
 from builders.mcap import decoded
+from builders.own_modules import OPENS_AND_IS_KILLED, write_own_camera
 from builders.waiting import FOREVER_S, wait_for
 
 from benchmarks.camera import live
@@ -34,49 +34,10 @@ PATIENT = ["--loop.stale-after-s", "5", "--loop.lost-after-s", "8", "--loop.rest
 
 WITH_HERE = os.environ | {"PYTHONPATH": os.pathsep.join(["", str(Path(__file__).parents[3])])}
 
-OWN_CAMERA = """
-import time
-import numpy as np
-from skimage import data
-
-PORTRAIT = data.astronaut()[:384, 90:360]
-
-class Empty:
-    def read(self):
-        time.sleep(0.02)
-        return np.zeros((480, 640, 3), np.uint8), time.monotonic()
-
-    def close(self):
-        pass
-
-class Row(Empty):
-    '''People side by side, 20 times a second, each picture captured 50 ms before it is there; then it breaks.'''
-
-    count = 0
-
-    def __init__(self, people: int):
-        # 0.4 m from face to face, at 1 m.
-        self.picture = np.hstack([PORTRAIT, PORTRAIT[:, ::-1], PORTRAIT][:people])
-
-    def read(self):
-        self.count += 1
-        if self.count > 12:
-            raise OSError("the cable was pulled")
-        captured_s = time.monotonic()
-        time.sleep(0.05)
-        return self.picture, captured_s
-
-class Grey(Empty):
-    def read(self):
-        return np.zeros((480, 640)), time.monotonic()
-"""
-
 
 @pytest.fixture
 def own_camera(tmp_path, monkeypatch):
-    (tmp_path / "portrait_camera.py").write_text(OWN_CAMERA)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path)
+    write_own_camera(tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
@@ -138,20 +99,6 @@ def test_a_video_is_played_at_its_own_pace(tmp_path):
     assert np.all(given_s >= captured_s)
 
 
-OPENS_AND_IS_KILLED = """
-import os, signal
-from gazempc.live.clock import RealClock
-from gazempc.live.sources.camera.capture import CameraOptions
-from gazempc.live.sources.camera.source import CameraSource
-
-if __name__ == "__main__":
-    source = CameraSource("portrait_camera:Empty", CameraOptions(), RealClock())
-    source.open()
-    print(source._process.pid, flush=True)
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_camera", "real_time")
 def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
@@ -162,7 +109,7 @@ def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
     )
     process_id = int(done.stdout)
     stat = Path(f"/proc/{process_id}/stat")
-    with contextlib.suppress(OSError):  # it has gone; a zombie has ended
+    with suppress(OSError):  # it has gone; a zombie has ended
         wait_for(lambda: stat.read_text().rpartition(")")[2].split()[0] == "Z", FOREVER_S)
 
 
@@ -199,9 +146,6 @@ def test_a_camera_on_the_moving_head_keeps_eye_contact_with_a_person_who_walks_p
     assert np.ptp(log.joint_position_rad[:, 0]) > np.deg2rad(60)
 
 
-PICTURE = np.zeros((48, 64, 3), np.uint8)
-
-
 def test_the_lag_is_that_behind_the_fastest_picture_of_a_minute() -> None:
     watch = StreamWatch()
     # Steady but for jitter: the lag is the jitter.
@@ -213,41 +157,6 @@ def test_the_lag_is_that_behind_the_fastest_picture_of_a_minute() -> None:
     # A camera's clock that is slow by 100 ppm is no lag, however long the run.
     watch = StreamWatch()
     assert max(watch.lag_s(0.9999 * t, t) for t in np.arange(0.0, 3600.0, 2.0)) < 0.01
-
-
-class Falling:
-    """Stands in for OpenCV's capture of an RTSP stream: real pictures, and stamps that fall behind after a while."""
-
-    def __init__(self) -> None:
-        self.opened, self._count, self._begin_s = 0, 0, 0.0
-
-    def __call__(self, address: str, *_: object) -> "Falling":
-        self.address = address
-        self.opened += 1
-        self._count, self._begin_s = 0, time.monotonic()
-        return self
-
-    def isOpened(self) -> bool:  # noqa: N802
-        return True
-
-    def grab(self) -> bool:
-        time.sleep(0.02)
-        self._count += 1
-        return True
-
-    def retrieve(self) -> tuple[bool, np.ndarray]:
-        return True, PICTURE + self._count % 7
-
-    def getBackendName(self) -> str:  # noqa: N802
-        return "FFMPEG"
-
-    def get(self, _: int) -> float:
-        # From the tenth picture on the stream runs at half its pace.
-        passed_s = time.monotonic() - self._begin_s
-        return 1e3 * (passed_s if self._count < 10 else 0.5 * passed_s)
-
-    def release(self) -> None:
-        pass
 
 
 def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeypatch) -> None:
@@ -265,21 +174,6 @@ def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeyp
         assert max(ages_s) > 0.2  # stamped as old as it is
         wait_for(lambda: isinstance(camera.read(), Picture))
         assert falling.opened >= 2
-
-
-class Frozen(Falling):
-    """One and the same picture from the tenth on."""
-
-    def retrieve(self) -> tuple[bool, np.ndarray]:
-        return True, PICTURE + min(self._count, 10) % 7
-
-
-class Silent(Falling):
-    """No picture for some seconds after the tenth, then again."""
-
-    def grab(self) -> bool:
-        time.sleep(2.2 if self._count == 10 else 0.0)
-        return super().grab()
 
 
 @pytest.mark.slow

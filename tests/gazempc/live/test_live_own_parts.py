@@ -4,22 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from builders.own_modules import write_own_parts
+from builders.own_modules import write_spoilt
+from builders.program import assert_refused
 
 from benchmarks.faults.wrongs import FAMILIES
 from gazempc.live.session import main
 from gazempc.results.log_files import load_log
 
 QUICK = ["--simulated-clock", "--no-figures", "--log", "npz"]
-
-
-@pytest.fixture(scope="module")
-def own(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("own")
-        patch.chdir(folder)
-        patch.syspath_prepend(folder)
-        yield write_own_parts(folder)
 
 
 @pytest.mark.slow
@@ -54,44 +46,15 @@ REFUSED = [
 
 @pytest.mark.parametrize(("words", "named"), REFUSED)
 def test_what_is_wrong_with_a_part_is_said_before_anything_moves(own, words, named, tmp_path, capsys):
-    words = [word.format(own=own) for word in words]
-    assert main(["--source", "replay", *words, *QUICK, "--out", str(tmp_path / "out")]) == 2
-    complained = capsys.readouterr().err
-    assert all(word.format(own=own) in complained for word in named), complained
-    assert "Traceback" not in complained
-    assert not list(tmp_path.glob("out/*"))
-
-
-SPOILT = """
-from benchmarks.faults.wrongs import FAMILIES
-from {module} import {base}
-KINDS = [change for name, change in FAMILIES["{family}"].items() if name not in ("blocks for 1 s", "15 ms each")]
-
-class Spoilt({base}):
-    calls = 0
-
-    def spoilt(self, *args):
-        self.calls += 1
-        answer = super().{method}(*args) if "{method}" != "finished" else super().finished
-        spoils = self.calls > {good_calls}
-        return KINDS[self.calls // 2 % len(KINDS)](answer) if spoils else answer
-
-    {method} = {wrap}(spoilt)
-"""
+    words, named = ([word.format(own=own) for word in each] for each in (words, named))
+    assert_refused(["--source", "replay", *words, *QUICK], named, tmp_path, capsys)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", [name for name in FAMILIES if "." in name and "," not in name])
 def test_the_summary_is_written_whatever_a_part_does(own, family, tmp_path, monkeypatch, capsys):
     """Each kind of the benchmark of faults, one after the other, in a run by the command; each event with its text."""
-    part, method = family.split(".")
-    base = {"Robot": "Head", "Source": "Walker", "Controller": "Reactive", "Predictor": "ConstantVelocity"}[part]
-    module, wrap = own if part in ("Robot", "Source") else "gazempc", "property" if method == "finished" else ""
-    # Closed once; the others are tried out when they are made.
-    good_calls = 0 if method == "close" else 40
-    name = family.replace(".", "_").lower()
-    text = SPOILT.format(module=module, base=base, family=family, method=method, wrap=wrap, good_calls=good_calls)
-    (tmp_path / f"{name}.py").write_text(text)
+    part, name = family.partition(".")[0], write_spoilt(tmp_path, family, own)
     monkeypatch.syspath_prepend(str(tmp_path))
     parts = {"--source": "replay", "--controller": "lookahead", "--predictor": "constant_velocity"}
     words = [word for pair in (parts | {f"--{part.lower()}": f"{name}:Spoilt"}).items() for word in pair]

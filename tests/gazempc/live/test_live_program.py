@@ -1,94 +1,17 @@
 """The whole program on observations from standard input and on a bag with its delays, and what it refuses."""
 
 import json
-import math
-import re
-import select
 import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-from bs4 import BeautifulSoup
 from builders.bags import face_rows, write_bag
-from builders.waiting import FOREVER_S, wait_for
+from builders.program import Program, assert_refused, check_output
 
 from gazempc.live import session as live
 from gazempc.loop.events import Event
 from gazempc.results.log_files import load_log
 from gazempc.results.metrics import measure
-from gazempc.results.motion import limit_violations
-
-
-class Program:
-    """`python -m gazempc.live` in a process of its own."""
-
-    def __init__(self, *arguments):
-        command = [sys.executable, "-m", "gazempc.live", "--no-figures", "--log", "npz", *map(str, arguments)]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        self.printed = b""
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        self.process.kill()
-        for pipe in (self.process.stdin, self.process.stdout, self.process.stderr):
-            pipe.close()
-        self.process.wait()
-
-    def until_it_runs(self):
-        """Until its first output, which it prints when the run begins."""
-        while b"Ctrl-C stops" not in self.printed:
-            ready, _, _ = select.select([self.process.stdout], [], [], FOREVER_S)
-            chunk = self.process.stdout.read1() if ready else b""
-            if not chunk:
-                self.process.kill()  # else its errors would never end
-                raise AssertionError(self.process.stderr.read().decode())
-            self.printed += chunk
-
-    def walk(self, seconds, rate_hz=30, stamp=lambda: time.time() - 0.03, unit_m=1.0):
-        """Lines of a person who walks by, in real time."""
-        for k in range(int(seconds * rate_hz)):
-            t = k / rate_hz
-            head = [2.5 / unit_m, 1.2 * math.sin(1.2 * t) / unit_m, 0.4 / unit_m]
-            observation = {"capture_time_s": stamp(), "head_position_m": head, "head_quat_wxyz": [1, 0, 0, 0]}
-            self.process.stdin.write(json.dumps(observation).encode() + b"\n")
-            self.process.stdin.flush()
-            time.sleep(1.0 / rate_hz)
-
-    def end(self):
-        out, err = self.process.communicate(timeout=FOREVER_S)
-        return (self.printed + out).decode(), err.decode()
-
-    def until_it_takes_signals(self):
-        """Early in its start: the first thing that it does."""
-        status = Path(f"/proc/{self.process.pid}/status")
-        caught = lambda: int(re.search(r"SigCgt:\s*(\w+)", status.read_text()).group(1), 16)  # noqa: E731
-        wait_for(lambda: caught() >> (signal.SIGTERM - 1) & 1, FOREVER_S, step=lambda: time.sleep(0.001))
-
-
-def check_output(out, said):
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
-    assert summary["logs"] == ["log_000.npz"]
-    log = load_log(out / "log_000.npz")
-    assert log.time_s.size == summary["ticks"] > 10
-    assert np.all(np.abs(log.command_velocity_rad_s[-1]) < 1e-9)
-    assert np.all(np.isfinite(log.command_position_rad))
-    assert summary["limit_violations"] == limit_violations(log, log.neck) == 0
-    assert (out / "compute_000.npz").is_file()
-    assert f"stopped by: {summary['stopped_by']}" in said
-    report = BeautifulSoup((out / "report.html").read_text(encoding="utf-8"), "html.parser")
-    cells = {row.th.text: row.td.text for row in report.select("tbody tr")}
-    assert (cells["ticks"], cells["observations"]) == (str(summary["ticks"]), str(summary["observations"]))
-    for name, value in (summary["metrics_of_last_log"] or {}).items():
-        assert value is None or float(cells[name]) == pytest.approx(value, rel=1e-3)
-    assert all(name in report.find(id="unusual").text for name in summary["events"])
-    assert report.find(class_="command").text.startswith("python -m gazempc.live --")
-    return summary, log
 
 
 @pytest.mark.slow
@@ -129,33 +52,6 @@ def test_a_signal_during_the_start_ends_it_in_order(tmp_path):
         assert (program.process.returncode, complained) == (0, "")
     assert said == "gazempc.live: stopped before the robot was connected\n"
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_the_options_that_mend_a_wrong_clock_and_unit_are_named_while_it_runs_and_signals_end_it(tmp_path):
-    def stamp():
-        return 1e3 * (time.monotonic() - 0.03)
-
-    options = ["--source", "stdin", "--robot", "simulated", "--predictor", "constant_velocity"]
-    with Program(*options, "--controller", "lookahead", "--out", tmp_path) as program:
-        program.until_it_runs()
-        program.walk(1.0, stamp=stamp, unit_m=0.001)
-        # It runs on: nothing but these lines is on standard error.
-        lines = [program.process.stderr.readline().decode() for _ in range(3)]
-        program.walk(0.1, stamp=stamp, unit_m=0.001)
-        for number in (signal.SIGHUP, signal.SIGTERM):
-            program.process.send_signal(number)
-        said, complained = program.end()
-        assert (program.process.returncode, complained) == (0, "")
-    events = ["implausible_person", "wrong_clock", "wrong_unit"]
-    assert [line.split()[2].rstrip(":") for line in lines] == events
-    named = [word.strip("():;") for word in " ".join(lines).split()]
-    named_options = [each for k, word in enumerate(named) if word.startswith("--") for each in (word, named[k + 1])]
-    assert named_options == ["--stamps.clock", "monotonic", "--stamps.unit", "ms", "--mount.unit-m", "0.001"]
-    summary, _ = check_output(tmp_path, said)
-    assert summary["stopped_by"] == "signal"
-    assert (summary["observations"], summary["used"]) == (33, 0)
-    assert set(events) <= set(summary["events"])
 
 
 T = np.arange(150) / 30.0
@@ -204,13 +100,12 @@ def test_a_live_run_on_a_bag_has_the_delays_of_the_recording_and_writes_logs_tha
         ("--source stdin --camera.fov-deg 60", ["--camera", "--source camera"]),
         ("--source udp:5005 --robot dynamixel", ["--neck"]),
         ("--source udp:5005 --mount.on eye", ["--mount.on eye"]),
+        ("--source ros4hri --attend nearest --options.ros2.point-topic p", ["needs options.ros2.base_frame"]),
+        ("--source ros4hri --options.ros2.point-topic p --options.ros2.base-frame b", ["look_away.rhythm told"]),
+        ("--source ros4hri --options.ros2.sound-topic s --look-away.rhythm told", ["sound_topic", "with attend"]),
         ("--source bag:nowhere", ["nowhere"]),
         ("--source bag:nowhere --sensor reference", ["--sensor", "--source replay"]),
     ],
 )
 def test_bad_input_is_named_and_the_status_is_2(arguments, named, tmp_path, capsys):
-    assert live.main([*arguments.split(), "--out", str(tmp_path)]) == 2
-    complained = capsys.readouterr().err
-    assert all(word in complained for word in named)
-    assert "Traceback" not in complained
-    assert not list(tmp_path.iterdir())
+    assert_refused(arguments.split(), named, tmp_path, capsys)

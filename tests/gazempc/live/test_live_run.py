@@ -2,11 +2,12 @@
 
 import dataclasses
 import gc
+import itertools
 
 import numpy as np
 import pytest
 from builders.checks import assert_recovered, assert_sound, undisturbed
-from builders.faults import Jumping, Late, between
+from builders.faults import Jittery, Jumping, Late, between
 from builders.live import NECK, SENSOR, TS, run_live
 from builders.recordings import reordered, synthetic
 from builders.replays import replayed
@@ -43,17 +44,6 @@ def test_on_a_simulated_clock_a_live_run_is_the_replay():
     assert len(live.joined("time_s")) - n < 0.4 / TS
 
 
-class Jittery(SimulatedClock):
-    """Wakes up late by 0 to 2 ms, as a real computer does."""
-
-    def __init__(self):
-        super().__init__()
-        self._rng = np.random.default_rng(0)
-
-    def sleep_until_s(self, time_s):
-        super().sleep_until_s(time_s + self._rng.uniform(0.0, 0.002))
-
-
 def test_commands_do_not_jitter_with_the_clock():
     """Made for when ticks are due; made for when they are done, most would be a chase at the limit of jerk."""
     n = int(3.0 / TS)
@@ -71,14 +61,8 @@ def test_commands_do_not_jitter_with_the_clock():
 
 
 def test_a_step_of_the_unix_clock_is_in_the_log(monkeypatch):
-    clock = RealClock()
-    stepped = []
-
-    def once():
-        stepped.append(clock.now_s())
-        return len(stepped) == 20
-
-    monkeypatch.setattr(clock, "unix_clock_stepped", once)
+    clock, asked = RealClock(), itertools.count()
+    monkeypatch.setattr(clock, "unix_clock_stepped", lambda: next(asked) == 20)
     result = run_live(clock=clock, duration_s=0.2)
     assert result.event_s("clock_stepped").size == 1
     assert_sound(result)

@@ -2,17 +2,17 @@
 
 import dataclasses
 import itertools
-import time
 
 import numpy as np
 import pytest
 from builders.checks import assert_recovered, assert_same_commands, assert_sound
+from builders.faults import Flood, Slow
 from builders.live import NECK, TS, Faulty, live_setup, run_live
 
 from gazempc.live.arrivals import Arrivals
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.live.logs import LiveReport
-from gazempc.live.sources.source import Arrived, Notice
+from gazempc.live.sources.source import Notice
 from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
@@ -24,7 +24,7 @@ from gazempc.people.schedule import LookAways
 from gazempc.settings import AttentionSettings, LoopSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
-from predictors import ConstantVelocity, HeadObservation
+from predictors import ConstantVelocity
 
 
 def test_an_observation_with_nan_a_bad_quaternion_or_a_head_at_the_sensor_is_refused():
@@ -99,24 +99,6 @@ def test_a_clock_that_is_ahead_is_an_event_and_a_sender_that_is_refused_is_repor
     assert [recorder.events.count(name) for name in ("clock_shifted", "wrong_clock")] == [1, 1]
 
 
-class Flood(Faulty):
-    """Forty observations at each poll, all new."""
-
-    def poll(self):
-        now_s = self.clock.now_s()
-        times_s = np.linspace(getattr(self, "last_s", self.start_s), now_s, 41)[1:]
-        self.last_s = now_s
-        return Arrived(tuple(Sighting(now_s, HeadObservation(float(t), np.array([2.0, 0.1, 0.4]))) for t in times_s))
-
-
-class Slow(ConstantVelocity):
-    """Each update takes its time."""
-
-    def update(self, observation):
-        time.sleep(0.003)
-        super().update(observation)
-
-
 @pytest.mark.slow
 def test_a_tick_begins_no_more_updates_than_it_has_time_for():
     clock = RealClock()
@@ -134,19 +116,15 @@ def test_a_tick_begins_no_more_updates_than_it_has_time_for():
     assert result.report.ticks > 20
 
 
-def half_turn(quat_wxyz):
-    """The quaternion (0, 0, 0, 1) times it: half a turn about the vertical."""
-    w, x, y, z = quat_wxyz
-    return np.array([-z, -y, x, w])
-
-
 def test_a_person_whose_name_and_orientation_change_at_every_frame_is_one_person():
     frames = itertools.count()
 
     def change(now_s, sighting):
         seen = dataclasses.replace(sighting.observation, person_id=f"track {now_s:.3f}")
         if next(frames) % 2:
-            turned = {name: half_turn(getattr(seen, name)) for name in ("head_quat_wxyz", "pelvis_quat_wxyz")}
+            # The quaternion (0, 0, 0, 1) times it: half a turn about the vertical.
+            half_turn = np.array([[0, 0, 0, -1], [0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0]])
+            turned = {name: half_turn @ getattr(seen, name) for name in ("head_quat_wxyz", "pelvis_quat_wxyz")}
             seen = dataclasses.replace(seen, **turned)
         return [Sighting(sighting.arrival_s, seen)]
 

@@ -3,18 +3,17 @@
 import functools
 import json
 import math
-import os
 import re
 import signal
-import subprocess
-import sys
 import time
-from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
+from builders.checks import in_zone
 from builders.live import run_live
-from builders.visca import camera
+from builders.program import Program
+from builders.robots import with_both
+from builders.visca import camera, emulated
 
 import gazempc as gz
 from gazempc.errors import SettingsError
@@ -22,12 +21,8 @@ from gazempc.identify.identify import main as identify
 from gazempc.live.session import main, parse
 from gazempc.live.setup import build
 from gazempc.live.sources.camera.capture import check_address
-from gazempc.neck.kinematics import look_at_rad
-from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.spec import load_neck
 from gazempc.neck.speed_steps import SpeedSteps
-from gazempc.results.motion import readings
-from gazempc.robots.ptz_emulator import picture_url
 from gazempc.sim.simulated import SimulatedNeck
 
 PTZ = load_neck("ptz")
@@ -44,8 +39,7 @@ def mujoco_neck(neck, start_rad, clock_s):
 @functools.cache
 def sent_angles():
     """What the same neck does that is sent angles."""
-    angles = {axis: getattr(PTZ, axis).model_copy(update={"command": "position"}) for axis in ("pan", "tilt")}
-    return run_live(neck=PTZ.model_copy(update=angles), duration_s=3.0).joined("joint_position_rad")
+    return run_live(neck=with_both(PTZ, command="position"), duration_s=3.0).joined("joint_position_rad")
 
 
 @pytest.mark.parametrize(("neck", "robot_class"), [(PTZ, mujoco_neck), (COARSE, SimulatedNeck)])
@@ -130,50 +124,24 @@ def test_a_probe_on_the_command_line(capsys):
     assert main(["--robot", "simulated", "--probe"]) == 2
 
 
-@contextmanager
-def emulated(protocol):
-    """Robot and picture of the emulated camera by a protocol, as words of the command line."""
-    for package in ("mujoco", "cv2", "skimage"):
-        pytest.importorskip(package)
-    if protocol == "visca":
-        yield "--robot visca:emulator --source camera:emulator"
-        return
-    onvif = pytest.importorskip("builders.onvif")
-    with closing(onvif.EmulatedCamera(PTZ)) as plant, onvif.onvif_camera(PTZ, plant=plant) as server:
-        picture = f"--source camera:{picture_url()} --camera.fov-deg 60 --camera.latency-ms 200"
-        view = "--framing.view-deg 60 36 --options.onvif.range-deg 100 -100 -25 25"
-        yield f"--robot onvif:127.0.0.1:{server.port} --neck ptz {picture} {view}"
-
-
-def in_zone(log):
-    """Share of the observations, from 3 s on, within the zone of the picture when they were captured."""
-    picture = FramedPicture.of(Framing.model_validate(log.run.settings["framing"]), log.neck)
-    looks_rad = look_at_rad(log.neck.geometry, log.head_observed_base_m)
-    seen_s, read = log.capture_time_s, readings(log)
-    at_rad = np.stack([np.interp(seen_s, read.time_s, read.position_rad[:, k]) for k in range(2)], axis=1)
-    turning_rad_s = np.gradient(looks_rad[:, 0], seen_s)
-    inside = np.abs(picture.aim_rad(looks_rad, turning_rad_s) - at_rad) <= picture.zone_rad
-    return float(np.all(inside, axis=1)[seen_s > 3.0].mean())
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("real_time")
 @pytest.mark.parametrize("protocol", ["visca", "onvif"])
 def test_the_loop_closes_through_the_picture_of_the_emulated_camera(protocol, tmp_path):
     # A busy machine renders and searches late: the run ends when the camera has followed the person.
     limits = "--loop.stale-after-s 5 --loop.lost-after-s 8 --loop.rest-after-s 20 --duration-s 240"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with emulated(protocol) as camera_words:
-        words = f"{camera_words} {limits} --framing.subject one --no-figures --log npz --out {tmp_path}"
-        command = [sys.executable, "-m", "gazempc.live", *words.split()]
-        with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as run:
-            pans, ended = [], False
-            for line in run.stdout:
-                pans += [float(each) for each in re.findall(r"looks at pan ([+-][\d.]+)", line)]
-                if len(pans) > 8 and not ended and max(pans) - min(pans) > 16.0:
-                    run.send_signal(signal.SIGTERM)  # once: the third one ends the process
-                    ended = True
-    assert run.returncode == 0
+    with (
+        emulated(protocol) as camera_words,
+        Program(*f"{camera_words} {limits} --framing.subject one --out {tmp_path}".split()) as program,
+    ):
+        pans = []
+        for line in program.process.stdout:
+            pans += [float(each) for each in re.findall(r"looks at pan ([+-][\d.]+)", line.decode())]
+            if len(pans) > 8 and max(pans) - min(pans) > 16.0:
+                program.process.send_signal(signal.SIGTERM)  # once: the third one ends the process
+                break
+        program.end()
+    assert program.process.returncode == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["stopped_by"] == "signal"
     assert summary["limit_violations"] == 0

@@ -11,6 +11,7 @@ import pytest
 from builders.checks import assert_sound, assert_within_limits
 from builders.faults import answers_badly
 from builders.live import NECK, WALK, Faulty, run_live
+from builders.program import SIGNALLED
 from builders.recordings import reordered
 from builders.robots import Spied
 
@@ -157,27 +158,6 @@ def test_what_ends_a_run_in_mid_motion_brakes_the_neck_first(error, neck):
         assert np.abs(received).max() > 0.1
         assert np.all(received[-1] == 0.0)
     assert result.robot.calls[-1] == result.source.calls[-1] == "close"
-
-
-SIGNALLED = """
-import signal, threading, time
-from gazempc.live.process import stopped_by_signals
-class Stop(threading.Event):
-    lock = threading.Lock()
-    def set(self):
-        with self.lock:
-            if not self.is_set():
-                super().set()
-                signal.raise_signal(signal.SIGTERM)
-stop = Stop()
-with stopped_by_signals(stop):
-    signal.raise_signal(signal.SIGINT)
-    print(stop.wait(60), flush=True)
-    while signal.getsignal(signal.SIGHUP) is not signal.SIG_DFL:
-        time.sleep(0.01)
-    signal.raise_signal(signal.SIGHUP)
-    print("alive", flush=True)
-"""
 
 
 def test_the_first_signal_asks_for_the_end_and_the_third_one_ends_the_process():

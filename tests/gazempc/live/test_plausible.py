@@ -6,24 +6,16 @@ import numpy as np
 import pytest
 from builders.checks import assert_sound
 from builders.faults import between
+from builders.frames import TRACK_S, findings, frames, judged_place, refused
 from builders.live import run_live
 
 from gazempc.live.clock import SimulatedClock
 from gazempc.live.mount import Mount
-from gazempc.live.plausibility import Plausibility, Watch, judge_place, judge_rate
+from gazempc.live.plausibility import Watch, judge_rate
 from gazempc.live.stamps import Frame, SetupHints
 from gazempc.settings import LoopSettings
 from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.sensor import observe, sensor_names
-from predictors import HeadObservation
-
-FRAME_S = 1 / 30
-
-
-def refused(heads_m, frame_s=FRAME_S, names=None):
-    """Which of some frames are refused."""
-    judge, names = Plausibility(), names or [None] * len(heads_m)
-    return [bool(judge.refusal(k * frame_s, np.asarray(head), names[k])) for k, head in enumerate(heads_m)]
 
 
 @pytest.mark.parametrize(
@@ -85,20 +77,8 @@ def test_refused_heads_are_counted_by_name_and_limit_the_speed_while_one_is_near
     assert fastest_rad_s[now_s > 3.6].max() > 2.0 * speed_rad_s
 
 
-TIMES_S = np.arange(28) / 30.0
 # A person walks by 2 m in front of the sensor, at 1.2 m/s.
-WALK_M = np.column_stack([np.full(28, 2.0), 1.2 * (TIMES_S - 0.45), np.full(28, 0.4)])
-
-
-def judged_place(sent, mount=None, names=None, times_s=TIMES_S):
-    mount = mount or Mount()
-    frames = []
-    for k, head in enumerate(sent):
-        seen = mount.in_sensor(HeadObservation(float(times_s[k]), np.array(head)))
-        base_m = mount.to_base(seen, None, None).head_position_base_m
-        name = None if names is None else names[k]
-        frames.append(Frame(times_s[k] + 0.05, times_s[k], seen.head_position_base_m, base_m, name))
-    return [(str(event), text) for event, text in judge_place(frames, times_s, mount, SetupHints())]
+WALK_M = np.column_stack([np.full(28, 2.0), 1.2 * (TRACK_S - 0.45), np.full(28, 0.4)])
 
 
 # The same walk as trackers with another unit or other axes state it: columns and signs written out by hand.
@@ -155,21 +135,6 @@ def test_a_person_too_high_too_far_or_too_fast():
 def test_rare_frames_are_told_from_the_median_of_their_intervals(times_s, named):
     found = judge_rate(times_s, 1.0, SetupHints())
     assert [named in each.text for each in found] == [True] * (named is not None)
-
-
-def frames(*people_m, seconds=2.0, name=lambda k, i: None):
-    for k in range(int(30 * seconds)):
-        for i, at_m in enumerate(people_m):
-            head_m = np.array(at_m, dtype=float)
-            yield Frame(k / 30 + 0.05, k / 30, head_m, head_m, name(k, i))
-
-
-def findings(given):
-    watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints(), several=True), {}
-    for frame in given:
-        watch.see(frame)
-        found |= {str(finding.event): finding.text for finding in watch.findings(frame.arrival_s)}
-    return found
 
 
 LEFT, RIGHT = [2.0, 1.5, 0.3], [2.5, -1.5, 0.3]

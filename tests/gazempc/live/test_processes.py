@@ -3,11 +3,11 @@
 import gc
 import multiprocessing
 import os
-import sys
 import threading
 
 import numpy as np
 import pytest
+from builders.faults import Exits
 
 from gazempc.live.isolated import IsolatedPredictor
 from gazempc.live.process import real_time_priority
@@ -46,18 +46,6 @@ def test_the_thread_that_sends_commands_goes_first_and_all_is_as_before_afterwar
 
 def seen(time_s):
     return HeadObservation(time_s, np.array([2.0, time_s, 0.4]))
-
-
-class Exits(ConstantVelocity):
-    """Calls sys.exit once."""
-
-    forecasts = 0
-
-    def forecast(self, times_s):
-        self.forecasts += 1
-        if self.forecasts == 1:
-            sys.exit("bye")
-        return super().forecast(times_s)
 
 
 @pytest.mark.slow

@@ -3,36 +3,34 @@
 import math
 import threading
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from builders.ros2_graph import (
     NOW_S,
     OPTICAL,
+    POINT,
+    WITH_COVARIANCE,
+    detections,
     header,
     make_message,
-    point,
     polled,
     pose,
     pose_stamped,
+    stamped_point,
     transform,
+    with_covariance,
 )
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import SettingsError
-from gazempc.live.clock import RealClock
 from gazempc.live.run import LiveRun
-from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import setup_of_gaze
 from gazempc.live.sources.ros2 import Ros2Person
-from gazempc.live.sources.ros2_cues import Ros2Cues, make_cue_source
-from gazempc.neck.spec import load_neck
+from gazempc.live.sources.ros2_cues import Ros2Cues
 from gazempc.people.company import Glance, Sound
-from gazempc.robots.options import RobotOptions, Ros2Options
+from gazempc.robots.options import Ros2Options
 
 TOPIC, POSE = "/person/head", "geometry_msgs/msg/PoseStamped"
-WITH_COVARIANCE, POINT = "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PointStamped"
 ARRAY, DETECTIONS = "geometry_msgs/msg/PoseArray", "vision_msgs/msg/Detection3DArray"
 
 
@@ -61,13 +59,6 @@ def test_every_pose_with_its_time_of_capture_and_those_that_cannot_be_used_are_p
     assert person.poll().sightings == ()
 
 
-def with_covariance(position_m, covariance, quat_wxyz=(1.0, 0.0, 0.0, 0.0), frame_id="camera_link", at_s=NOW_S):
-    stated = make_message(
-        "geometry_msgs/msg/PoseWithCovariance", pose=pose(position_m, quat_wxyz), covariance=covariance.ravel()
-    )
-    return make_message(WITH_COVARIANCE, header=header(frame_id, at_s), pose=stated)
-
-
 def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(stage):
     person = opened(stage, WITH_COVARIANCE)
     full, position_only, bad = np.diag([0.25, 0.04, 0.01, 0.0, 0.0, 0.09]), np.zeros((6, 6)), np.zeros((6, 6))
@@ -91,7 +82,7 @@ def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(stage)
 
 def test_points_and_several_heads_in_one_message(stage):
     pointed = opened(stage, POINT)
-    stage.put(TOPIC, POINT, make_message(POINT, header=header("camera_link", NOW_S), point=point([1.0, 2.0, 0.3])))
+    stage.put(TOPIC, POINT, stamped_point("camera_link", [1.0, 2.0, 0.3], NOW_S))
     (seen,), _ = polled(pointed, 1)
     assert (list(seen.head_position_base_m), seen.head_quat_wxyz) == ([1.0, 2.0, 0.3], None)
     several = opened(stage, ARRAY)
@@ -107,13 +98,8 @@ def test_detections_have_ids_scores_and_a_box_where_the_hypothesis_has_no_pose(s
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = 0.01 * np.eye(3)
 
-    def detection(name, score, position_m, box_m):
-        stated = SimpleNamespace(pose=pose(position_m), covariance=covariance.ravel())
-        result = SimpleNamespace(hypothesis=SimpleNamespace(class_id="head", score=score), pose=stated)
-        return SimpleNamespace(id=name, results=[result], bbox=SimpleNamespace(center=pose(box_m)))
-
-    detections = [detection("7", 0.8, [1.0, 0.0, 0.2], [0.0] * 3), detection("", 1.2, [0.0] * 3, [2.0, 0.0, 0.2])]
-    stage.put(TOPIC, DETECTIONS, SimpleNamespace(header=header("camera_link", NOW_S), detections=detections))
+    stated = [("7", 0.8, [1.0, 0.0, 0.2], [0.0] * 3), ("", 1.2, [0.0] * 3, [2.0, 0.0, 0.2])]
+    stage.put(TOPIC, DETECTIONS, detections(*stated, covariance=covariance))
     (first, second), _ = polled(person, 2)
     assert (first.person_id, first.confidence, second.person_id, second.confidence) == ("7", 0.8, None, 1.0)
     np.testing.assert_array_equal(first.position_covariance_m2, covariance[:3, :3])
@@ -144,10 +130,6 @@ INT, FLOAT = "std_msgs/msg/Int32", "std_msgs/msg/Float32"
 
 def opened_cues(stage, to_base=lambda place_m: place_m, **options):
     return stage.listening(Ros2Cues(stage.clock_s, stage.to_loop_s, Ros2Options(**options), to_base, stage.make_node))
-
-
-def stamped_point(frame_id, place_m, at_s=None):
-    return make_message(POINT, header=header(frame_id, at_s), point=point(place_m))
 
 
 def test_a_point_is_glanced_at_by_its_frame_at_its_stamp_or_now_waited_for_and_then_a_problem(stage):
@@ -195,20 +177,6 @@ def test_speech_heard_by_a_head_that_is_turned(stage):
     stage.put("/heard", INT, make_message(INT, data=20))
     (sound,), _ = polled(source, 1)
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20 - 50 + 10)
-
-
-@pytest.mark.parametrize(
-    ("ros2", "settings", "why"),
-    [
-        ({"point_topic": "p"}, {"attend": "nearest"}, "needs options.ros2.base_frame"),
-        ({"point_topic": "p", "base_frame": "b"}, {}, "look_away.rhythm told"),
-        ({"sound_topic": "s"}, {"look_away": {"rhythm": "told"}}, "accepted with attend, such as speaker"),
-    ],
-)
-def test_topics_that_do_not_go_with_the_settings(ros2, settings, why):
-    told = LiveSettings(source="ros4hri", options=RobotOptions(ros2=Ros2Options(**ros2)), **settings)
-    with pytest.raises(SettingsError, match=why):
-        make_cue_source(told, load_neck("reference"), RealClock(), mounted=True)
 
 
 def test_a_gaze_from_python_hears_them_too(stage):

@@ -1,13 +1,12 @@
 """Lines from standard input, UDP and TCP: put together however they are cut, and back after every interruption."""
 
-import json
 import socket
 import sys
 import time
 
 import pytest
 from builders.ports import free_port
-from builders.waiting import FOREVER_S, wait_for
+from builders.wires import Collector, Scripted, SteppedClock, line, numbers, serve
 
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.source import SourceError
@@ -23,56 +22,6 @@ def test_addresses():
     for text in ("", "65536", "host:-1", "host:²"):
         with pytest.raises(SourceError, match="udp:PORT"):
             parse_address("udp:" + text, text, "here")
-
-
-def line(k, **other):
-    return json.dumps({"age_s": 0.01, "head_position_m": [2.0, 0.001 * k, 0.4]} | other).encode() + b"\n"
-
-
-def numbers(sightings):
-    return [round(1000 * s.observation.head_position_base_m[1]) for s in sightings]
-
-
-class Collector:
-    """Polls a source until enough has come."""
-
-    def __init__(self, source):
-        self.source, self.sightings, self.cues, self.problems, self.notices = source, [], [], [], []
-
-    def until(self, done):
-        def polled():
-            arrived = self.source.poll()
-            self.sightings += arrived.sightings
-            self.cues += arrived.cues
-            self.problems += arrived.problems
-            self.notices += arrived.notices
-            return done(self)
-
-        wait_for(polled, FOREVER_S, why=lambda: f"{numbers(self.sightings)}, {self.problems}")
-        return self
-
-
-class Scripted:
-    """A wire that gives prepared chunks; None at the end, or OSError."""
-
-    name = "a wire"
-
-    def __init__(self, chunks, end=None):
-        self.chunks, self.end, self.closed = list(chunks), end, 0
-
-    def open(self):
-        pass
-
-    def read(self):
-        if self.chunks:
-            chunk = self.chunks.pop(0)
-            return [chunk if isinstance(chunk, Chunk) else Chunk(chunk)]
-        if self.end is not None:
-            raise self.end
-        return None
-
-    def close(self):
-        self.closed += 1
 
 
 def read_from(wire, **options):
@@ -160,15 +109,6 @@ def test_a_silent_sender_keeps_its_place_for_ten_minutes_and_one_whose_port_is_c
         Senders(["nobody"])
 
 
-class SteppedClock(RealClock):
-    """The real clock, set on by a test."""
-
-    ahead_s = 0.0
-
-    def now_s(self):
-        return super().now_s() + self.ahead_s
-
-
 def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
     clock, port = SteppedClock(), free_port(socket.SOCK_DGRAM)
     source = LineSource(UdpPort("127.0.0.1", port), clock)
@@ -220,12 +160,6 @@ def test_who_listens_beyond_the_loopback_is_warned_of_the_risk(host, allowed, wa
     source.open()
     assert [(n.event, n.count) for n in source.poll().notices] == ([(Event.OPEN_TO_ALL, 0)] if warned else [])
     source.close()
-
-
-def serve(port):
-    server = socket.create_server(("127.0.0.1", port))
-    server.settimeout(FOREVER_S)
-    return server
 
 
 def test_tcp_when_the_server_goes_away_and_comes_back():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from builders.own_modules import write_own_parts
 
 import gazempc as gz
 from gazempc.controllers.lookahead import LookAhead
@@ -90,14 +89,6 @@ def test_an_object_is_tried_out_and_reset():
     assert make_predictor(shipped, SETTINGS, Person(), {}) is shipped
     # Reset: an observation of long before is the first one of a new track.
     shipped.update(gz.HeadObservation(-100.0, np.array([2.0, 0.0, 0.3])))
-
-
-@pytest.fixture(scope="module")
-def own(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("own")
-        patch.syspath_prepend(folder)
-        yield write_own_parts(folder)
 
 
 def test_one_s_own_are_given_the_person_the_neck_and_their_options(own):

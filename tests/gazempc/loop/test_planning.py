@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from builders.loop import NECK, TS, LoopBench, make_loop, make_recorder
 from builders.replays import run_info
+from builders.waiting import wait_for
 
 from gazempc.controllers.controller import SolverFailed
 from gazempc.controllers.mpc.mpc import Mpc
@@ -35,20 +36,12 @@ def test_the_background_planner_takes_one_request_at_a_time_and_answers_all():
 
     planner = BackgroundPlanner(Gated())
 
-    def answered():
-        until_s = time.monotonic() + 240.0
-        while time.monotonic() < until_s:
-            if answers := planner.answers():
-                return answers
-            time.sleep(0.001)
-        raise AssertionError("no answer")
-
     assert planner.answers() == []
     for index, (situation, event) in enumerate([("fail", "solver_failed"), ("bug", "controller_failed")]):
         assert planner.request(index, lambda situation=situation: situation)
         assert not planner.request(99, lambda: None)
         gate.release()
-        (answer,) = answered()
+        (answer,) = wait_for(planner.answers)
         assert isinstance(answer, Answer)
         assert (answer.due_index, answer.plan, answer.event) == (index, None, event)
         assert answer.plan_ms >= 0

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from builders.waiting import wait_for
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -45,13 +46,9 @@ def test_a_place_outranks_a_person_until_it_is_withdrawn():
             joints = gaze.joints
             return joints is not None and gaze_error_rad(neck.geometry, joints.position_rad, target_m) < 0.02
 
-        step = lambda: time.sleep(0.03)  # noqa: E731
         for target_m, ask in ((place_m, place_m), (head_m, None), (place_m, place_m)):
             gaze.point(ask)
-            until_s = time.monotonic() + 20.0
-            while not looks_at(target_m):
-                assert time.monotonic() < until_s
-                step()
+            wait_for(lambda target_m=target_m: looks_at(target_m), step=lambda: time.sleep(0.03))
         with pytest.raises(ValueError, match="min_duration_s"):
             gaze.point(place_m, max_velocity_rad_s=0.0)
         with pytest.raises(ValueError, match="target_base_m"):

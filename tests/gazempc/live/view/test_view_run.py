@@ -9,14 +9,12 @@ from contextlib import closing, suppress
 
 import numpy as np
 import pytest
+from builders.foxglove import received
 from builders.live import NECK
-from builders.mcap import column, decoded
+from builders.mcap import column, decoded, times_of_what_is_there
 from builders.ports import free_port
 from builders.replays import cut, run_info
 from builders.waiting import wait_for
-from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
-from websockets.sync.client import connect
 
 import gazempc as gz
 from gazempc.errors import SettingsError
@@ -34,24 +32,6 @@ QUICK = ["--source", "replay:subject03_R4", "--predictor", "constant_velocity", 
 def live(out, *more):
     assert main([*QUICK, "--no-figures", "--out", str(out), *more]) == 0
     return gz.load_log(out / "log_000.npz"), out / "log_000.mcap"
-
-
-def received(url, topics):
-    """The first message of each topic that a client of Foxglove's protocol gets, as JSON where it is that."""
-    found, names = {}, {}
-    with connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
-        while set(found) != set(topics):
-            message = socket.recv(20.0)
-            if isinstance(message, bytes):
-                found.setdefault(names[int.from_bytes(message[1:5], "little")], message[13:])
-                continue
-            advertised = json.loads(message)
-            if advertised["op"] == "advertise":
-                wanted = {each["id"]: each["topic"] for each in advertised["channels"] if each["topic"] in topics}
-                names |= wanted
-                subscriptions = [{"id": number, "channelId": number} for number in wanted]
-                socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
-    return found
 
 
 @pytest.mark.slow
@@ -112,15 +92,6 @@ def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_s
     assert feed.problems == ["the process for viewers has gone"]
     assert times_of_what_is_there(path)[: len(found)] == found
     np.testing.assert_array_equal(found, log.time_s[: len(found)])
-
-
-def times_of_what_is_there(path):
-    found = []
-    with path.open("rb") as file, suppress(McapError):  # where it was cut off
-        for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
-            if channel.topic == "/ticks":
-                found.append(json.loads(message.data)["time_s"])
-    return found
 
 
 def test_a_folder_that_cannot_be_written_ends_the_start(tmp_path):

@@ -1,0 +1,23 @@
+"""A client of Foxglove's protocol."""
+
+import json
+
+from websockets.sync.client import connect
+
+
+def received(url, topics):
+    """The first message of each topic that the client gets, as JSON where it is that."""
+    found, names = {}, {}
+    with connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
+        while set(found) != set(topics):
+            message = socket.recv(20.0)
+            if isinstance(message, bytes):
+                found.setdefault(names[int.from_bytes(message[1:5], "little")], message[13:])
+                continue
+            advertised = json.loads(message)
+            if advertised["op"] == "advertise":
+                wanted = {each["id"]: each["topic"] for each in advertised["channels"] if each["topic"] in topics}
+                names |= wanted
+                subscriptions = [{"id": number, "channelId": number} for number in wanted]
+                socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
+    return found
