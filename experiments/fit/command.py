@@ -6,7 +6,6 @@ Example: python -m experiments.fit --recordings my_walks --out out/fit
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -117,11 +116,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
 
 
 def _networks(
-    settings: FitSettings,
-    tracker: SensorSpec | None,
-    paths: Sequence[str],
-    people: Sequence[str],
-    left_out: Sequence[str | None],
+    settings: FitSettings, tracker: SensorSpec | None, paths: list[str], people: list[str], left_out: list[str | None]
 ) -> tuple[list[WalkerModel], list[Examples]]:
     folder = settings.out / "runs"
     with Engine(folder, settings.jobs, settings.dask, unit="job", total=3 * (len(paths) + len(left_out))) as engine:

@@ -67,8 +67,8 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
     """
     fields: dict[str, Any] = {"rate_hz": _USUAL_HZ}
     if walks == "precise":
-        fields["rate_hz"], white_m = _draw_rate_hz(rng), float(rng.choice(_PRECISE_M))
-        fields |= {"position_noise_m": white_m, "yaw_noise_deg": float(rng.choice(_PRECISE_YAW_DEG))}
+        fields["rate_hz"] = _draw_rate_hz(rng)
+        fields |= {"position_noise_m": rng.choice(_PRECISE_M), "yaw_noise_deg": rng.choice(_PRECISE_YAW_DEG)}
         return "white", _drawn("white", fields, rng)
     kind = str(rng.choice(KINDS, p=_SHARES[walks]))
     head, pelvis = _ORIENTATIONS[rng.choice(4, p=_ORIENTATION_SHARES)]

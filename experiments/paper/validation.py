@@ -152,7 +152,9 @@ def frame_test(videos: Sequence[Judged]) -> dict[str, Any]:
     """
     baseline, proposed = (np.concatenate([getattr(v, name) for v in videos]) for name in ("baseline_mm", "proposed_mm"))
     statistic, p_value = _over_frames(baseline, proposed)
-    thinned = np.median([_thinned_p_value(videos, first) for first in range(STEPS_AHEAD)])
+    sides = [video.baseline_mm for video in videos], [video.proposed_mm for video in videos]
+    thin = ([np.concatenate([v[first::STEPS_AHEAD] for v in side]) for side in sides] for first in range(STEPS_AHEAD))
+    thinned = np.median([_over_frames(*both)[1] for both in thin])
     test: dict[str, Any] = without_nan(
         {
             "statistic": statistic,
@@ -229,11 +231,6 @@ def _exact_p_values(gain_mm: FloatArray) -> tuple[float, float, float]:
         return float(wilcoxon(gain_mm, zero_method=ZERO_METHOD, alternative=alternative, method=method).pvalue)
 
     return p_value("greater"), p_value("less"), p_value("two-sided")
-
-
-def _thinned_p_value(videos: Sequence[Judged], first: int) -> float:
-    few = [(v.baseline_mm[first::STEPS_AHEAD], v.proposed_mm[first::STEPS_AHEAD]) for v in videos]
-    return _over_frames(np.concatenate([b for b, _ in few]), np.concatenate([p for _, p in few]))[1]
 
 
 def _rank_biserial(gains: FloatArray) -> FloatArray:

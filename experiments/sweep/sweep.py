@@ -108,7 +108,9 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
     cases = plan.spec.all_cases()
     if any(case.design == "optuna" for case in cases):
         check_optuna("Design optuna")
-    with Engine(out / "runs", jobs, dask, total=_count(plan)) as engine:
+    tuned = sum(case.n or 0 for case in plan.spec.all_cases() if case.design == "optuna")
+    total = len(plan.walks) * (tuned + sum(map(len, plan.points.values())))
+    with Engine(out / "runs", jobs, dask, total=total) as engine:
         # All points that are known go to the workers at once; those of a tuning follow batch by batch.
         known = [(case, i, point) for case in cases for i, point in enumerate(plan.points[case.name])]
         rows = _rows(plan, engine, known)
@@ -124,11 +126,6 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
     for part in ("controller", "predictor"):
         name_parts(rows, part)
     return rows
-
-
-def _count(plan: SweepPlan) -> int:
-    tuned = sum(case.n or 0 for case in plan.spec.all_cases() if case.design == "optuna")
-    return len(plan.walks) * (tuned + sum(map(len, plan.points.values())))
 
 
 def _rows(plan: SweepPlan, engine: Engine, points: Sequence[tuple[Case, int, Point]]) -> list[Row]:

@@ -92,7 +92,9 @@ class AutoPtz(Rival):
         self._error = seen if self._error is None else self._error + _AIM_GAIN * (seen - self._error)
         self._measure_velocity(view, detection)
         error, velocity = self._outside_the_zone(self._error)
-        self._command = self._slew(self._speed(error, velocity, dt_s), dt_s)
+        u = self._speed(error, velocity, dt_s)
+        before = np.where(u * self._slewed > 0.0, np.abs(self._slewed), 0.0)
+        self._command = self._slewed = np.sign(u) * np.minimum(np.abs(u), before + _RISE_PER_S * dt_s)
 
     def _measure_velocity(self, view: View, detection: Detection) -> None:
         """The face's velocity in the image, without the camera's own, at each third frame."""
@@ -141,11 +143,6 @@ class AutoPtz(Rival):
         self._sign = np.where(u == 0.0, self._sign, np.sign(u))
         self._swings = min(4.0, 0.6 * self._swings + flips)
         return u / (1.0 + 0.6 * self._swings)
-
-    def _slew(self, u: FloatArray, dt_s: float) -> FloatArray:
-        before = np.where(u * self._slewed > 0.0, np.abs(self._slewed), 0.0)
-        self._slewed = np.sign(u) * np.minimum(np.abs(u), before + _RISE_PER_S * dt_s)
-        return self._slewed
 
 
 class OneEuro:
