@@ -44,7 +44,7 @@ def ended(process):
 
 @pytest.mark.slow
 def test_closed_standard_input_is_a_source_that_has_ended(tmp_path):
-    status, out, _ = ended(start([*LIVE, "stdin", "--out", str(tmp_path)], "<&-"))
+    status, out, _ = ended(start([*LIVE, "stdin", "--log", "npz", "--out", str(tmp_path)], "<&-"))
     assert status == 0
     assert "end of the source" in out
 
