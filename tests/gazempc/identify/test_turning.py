@@ -191,7 +191,7 @@ def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys, real_time):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
     few = {
-        "pan": SpeedSteps(positive_rad_s=[0.2, 0.8], negative_rad_s=[0.16, 0.8]),
+        "pan": SpeedSteps(positive_rad_s=[0.4, 0.8], negative_rad_s=[0.3, 0.8]),
         "tilt": SpeedSteps(positive_rad_s=[0.8], negative_rad_s=[0.8]),
     }
     axes = {
