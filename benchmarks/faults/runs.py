@@ -246,7 +246,7 @@ class Holding(ConstantVelocity):
         return super().forecast(times_s)
 
 
-def run_part(family: str, kind: str, machine_gap_ms: GapMs, seconds: float = 1.8) -> Count:
+def run_part(family: str, kind: str, machine_gap_ms: GapMs, seconds: float) -> Count:
     """One run.
 
     Args:
@@ -278,7 +278,7 @@ def run_part(family: str, kind: str, machine_gap_ms: GapMs, seconds: float = 1.8
     return watch(spoilt, (family, kind), seconds, machine_gap_ms, begin)[0]
 
 
-def isolation_ms(calls: int = 2000) -> tuple[float, float]:
+def isolation_ms(calls: int) -> tuple[float, float]:
     """What a process of its own costs: time of a forecast there less the time of one here, milliseconds.
 
     Args:

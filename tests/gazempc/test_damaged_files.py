@@ -33,7 +33,7 @@ from gazempc.results.table import measured_again
 from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 
-INPUTS = 600
+INPUTS = 300
 # A refusal is to come within 2 s; nothing here is so large that it takes a tenth of it.
 MOST_S = 2.0
 MOST_CHARACTERS = 3000

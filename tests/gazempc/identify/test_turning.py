@@ -191,7 +191,7 @@ def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys, real_time):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
     few = {
-        "pan": SpeedSteps(positive_rad_s=[0.2, 0.8], negative_rad_s=[0.16, 0.8]),
+        "pan": SpeedSteps(positive_rad_s=[0.4, 0.8], negative_rad_s=[0.3, 0.8]),
         "tilt": SpeedSteps(positive_rad_s=[0.8], negative_rad_s=[0.8]),
     }
     axes = {
@@ -201,7 +201,7 @@ def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys, real_time):
     given = tmp_path / "given.toml"
     given.write_text(as_toml(PTZ.model_copy(update=axes).model_dump(exclude_none=True)))
     words = ["--robot", f"visca:emulator:{given}", "--source", "camera:emulator", "--neck", str(given)]
-    assert main([*words, "--camera.fov-deg", "65", "--out", str(out)]) == 0
+    assert main([*words, "--camera.fov-deg", "65", "--dead-time-max-s", "0.8", "--out", str(out)]) == 0
     neck, text = load_neck(out), capsys.readouterr().out
     for name in ("pan", "tilt"):
         axis = getattr(neck, name)

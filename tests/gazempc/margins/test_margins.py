@@ -146,10 +146,10 @@ def test_the_command_prints_margins_and_draws(tmp_path, capsys):
 def test_run_and_live_warn(tmp_path, capsys):
     neck = tmp_path / "weak.toml"
     neck.write_text(as_toml(weak().model_dump(exclude_none=True)), encoding="utf-8")
-    common = ["--replay", "subject03_R1", "--predictor", "constant_velocity", "--no-figures", "--neck", str(neck)]
-    common += ["--out", str(tmp_path / "out")]
-    for controller, warned in (("mpc", True), ("lookahead", False)):
-        assert gazempc(["run", "--controllers", controller, "--noise-seeds", "1", *common]) == 0
+    common = ["--replay", "subject03_R4", "--predictor", "constant_velocity", "--no-figures", "--neck", str(neck)]
+    common += ["--log", "npz", "--out", str(tmp_path / "out")]
+    run = ["run", "--noise-seeds", "1", "--controllers"]
+    live = ["live", "--source", "replay", "--robot", "simulated", "--duration-s", "1", "--simulated-clock"]
+    for words, warned in (([*run, "mpc"], True), (live, True), ([*live, "--controller", "lookahead"], False)):
+        assert gazempc([*words, *common]) == 0
         assert ("neck 'weak': pan: peak sensitivity" in capsys.readouterr().out) == warned
-    gazempc(["live", "--source", "replay", "--robot", "simulated", "--duration-s", "1", "--simulated-clock", *common])
-    assert "neck 'weak': pan: peak sensitivity" in capsys.readouterr().out

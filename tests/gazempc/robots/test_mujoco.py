@@ -197,7 +197,7 @@ def test_a_loop_with_a_model_identified_from_it_is_as_good_as_on_our_own_neck(tm
         return summary["metrics_of_last_log"]["gaze_error_rms_deg"]
 
     measured = tmp_path / "measured.toml"
-    assert identify(["--robot", "mujoco", "--duration-s", "12", "--out", str(measured)]) == 0
+    assert identify(["--robot", "mujoco", "--duration-s", "8", "--out", str(measured)]) == 0
     own, identified = gaze_error_deg("simulated", "reference"), gaze_error_deg("mujoco", str(measured))
     assert own < 2.0
     assert identified == pytest.approx(own, rel=0.1)

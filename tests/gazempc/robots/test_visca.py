@@ -224,7 +224,8 @@ def test_moves_are_renewed_a_silent_loop_and_the_end_are_a_stop() -> None:
 def test_a_program_that_is_killed_leaves_a_camera_that_stands(tmp_path) -> None:
     with camera() as (server, _):
         robot = ["--robot", f"visca:127.0.0.1:{server.address[1]}", "--neck", "ptz", "--controller", "lookahead"]
-        words = [sys.executable, "-m", "gazempc.live", "--source", "replay", *robot, "--out", str(tmp_path)]
+        robot += ["--log", "npz", "--out", str(tmp_path)]
+        words = [sys.executable, "-m", "gazempc.live", "--source", "replay", *robot]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
         with subprocess.Popen(words, stdout=subprocess.DEVNULL, env=environment) as process:
             wait_for(lambda: server.driven and server.driven[-1][1] != 0)

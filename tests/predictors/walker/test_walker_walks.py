@@ -38,7 +38,7 @@ def mean_errors(recordings, make, sensor="reference", ahead_s=(0.5,)):
 
 # Errors over those of constant velocity at 0.25, 0.5 and 1 s: what the model as it ships has, and up to 0.06 of room.
 SYNTHETIC_RATIOS = {
-    "reference": (0.54, 0.52, 0.54),
+    "reference": (0.54, 0.52, 0.53),
     "face_camera": (0.95, 0.88, 0.78),
 }
 # Goals on people left out are .53 .53 .60 and .70 .62 .65.
@@ -50,7 +50,7 @@ MISSED = (0.10, 0.04)
 @pytest.mark.slow
 @pytest.mark.parametrize(("sensor", "ratios"), SYNTHETIC_RATIOS.items())
 def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor, ratios):
-    recordings = [load(name) for name in SYNTHETIC[::2]]
+    recordings = [load(name) for name in SYNTHETIC[::4]]
     ours, plain = (mean_errors(recordings, make, sensor, AHEAD_S) for make in (Walker, ConstantVelocity))
     np.testing.assert_array_less(ours / plain, ratios)
 
@@ -58,7 +58,7 @@ def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor,
 @pytest.mark.slow
 @pytest.mark.parametrize(("activity", "sensor"), [("stand", "body_tracker"), ("turn_on_spot", "reference")])
 def test_people_on_the_spot_are_forecast_as_well_as_by_their_last_position(activity, sensor):
-    recordings = [load(f"subject{k:02d}_{activity}") for k in range(1, 15, 4)]
+    recordings = [load(f"subject{k:02d}_{activity}") for k in range(1, 15, 7)]
     ours, last = (mean_errors(recordings, make, sensor, AHEAD_S[:2]) for make in (Walker, LastPosition))
     np.testing.assert_array_less(ours / last, 1.1 if activity == "turn_on_spot" else 1.02)
 
@@ -104,7 +104,7 @@ def test_a_higher_threshold_answers_a_start_later():
 @pytest.mark.slow
 def test_the_stated_ellipsoids_hold_their_shares():
     """68 and 95 % by the t distribution that is stated."""
-    nees = np.concatenate([errors(load(name), Walker(), "face_camera")[1][:, 0] for name in SYNTHETIC])
+    nees = np.concatenate([errors(load(name), Walker(), "face_camera")[1][:, 0] for name in SYNTHETIC[1::2]])
     v, shares = shipped_walker_model().degrees_of_freedom, np.array([0.68, 0.95])
     held = np.mean(nees[np.isfinite(nees)][:, None] <= 3.0 * f_distribution.ppf(shares, 3, v) * (v - 2.0) / v, axis=0)
     np.testing.assert_array_less(np.abs(held - shares), MISSED)
@@ -146,7 +146,7 @@ def test_a_mounting_at_a_right_angle_is_found_out():
 @pytest.mark.slow
 @pytest.mark.parametrize(("sensor", "ratios"), REAL_RATIOS.items())
 def test_real_walkers_are_forecast_far_better_than_by_constant_velocity(walks_dir, sensor, ratios):
-    recordings = [load(path) for path in find_recordings([str(walks_dir)])[::8]]
+    recordings = [load(path) for path in find_recordings([str(walks_dir)])[::16]]
     ours, plain = (mean_errors(recordings, make, sensor, AHEAD_S) for make in (Walker, ConstantVelocity))
     np.testing.assert_array_less(ours / plain, ratios)
 
