@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gazempc.controllers.chain import Chain, head_time_s, low_pass
+from gazempc.controllers.chain import Chain, head_time_s, low_pass, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.neck.spec import NeckSpec
 from gazempc.settings import LookAheadSettings
@@ -101,7 +101,7 @@ class LookAhead:
         if situation.held:  # without an eye the low-pass is not compensated
             head = np.where(self._chain.eyes_held(situation), demanded, head)
         position = self._chain.with_eyes(situation, means_base_m[count:], head, body)
-        velocity = np.gradient(position, self.neck.control_period_s, axis=0)
+        velocity = slopes(position, self.neck.control_period_s)
         rest, events = np.zeros_like(position), self._chain.events(position[0])
         return Plan(situation.start_s, self.neck.control_period_s, position, velocity, rest, events)
 

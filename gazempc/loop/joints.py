@@ -114,6 +114,12 @@ class FollowingWatch:
         ):
             return
         expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
-        held = np.isin(np.arange(expected_rad.size), self.held)
-        starts = (expected_rad > _EXPECTED_RAD) & (moved_rad < _SHARE * expected_rad)
-        self.held = tuple(np.flatnonzero(np.where(held, moved_rad < _EXPECTED_RAD, starts)).tolist())
+        held = []
+        for joint in range(len(expected_rad)):
+            if joint in self.held:
+                stands = moved_rad[joint] < _EXPECTED_RAD
+            else:
+                stands = expected_rad[joint] > _EXPECTED_RAD and moved_rad[joint] < _SHARE * expected_rad[joint]
+            if stands:
+                held.append(joint)
+        self.held = tuple(held)

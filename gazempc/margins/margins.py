@@ -98,9 +98,13 @@ def margins(mpc: Mpc) -> list[Margins]:
 
 def sentences(neck: NeckSpec, found: list[Margins]) -> list[str]:
     """What pan and tilt of the neck file may be wrong by, joints with equal tolerances together."""
+    joints: dict[str, list[str]] = {}
+    verb = ("stays", "stay")
+    for each in found:
+        joints.setdefault(each.tolerance, []).append(each.joint)
     return [
-        f"{neck.name}: {' and '.join(m.joint for m in found if m.tolerance == what)}: stable with {what}"
-        for what in dict.fromkeys(m.tolerance for m in found)
+        f"{neck.name}: {' and '.join(names)} {verb[len(names) > 1]} stable with {what}"
+        for what, names in joints.items()
     ]
 
 

@@ -231,11 +231,18 @@ def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad
         high_rad: Upper pan limit, radians.
 
     Returns:
-        The same directions with continuous pan, shape (H, 2), radians.
+        The same directions with continuous pan, shape (H, 2), radians; the argument itself where nothing changes.
     """
     pan = angles_rad[:, 0]
-    if abs(pan[0] - near_rad) > np.pi or np.ptp(pan) > np.pi:
+    # Asked at every plan: the methods `min` and `max` take a third longer.
+    least_rad, most_rad = np.minimum.reduce(pan), np.maximum.reduce(pan)
+    if abs(pan[0] - near_rad) > np.pi or most_rad - least_rad > np.pi:
         pan = np.unwrap(np.concatenate([[near_rad], pan]))[1:]
+        least_rad, most_rad = pan.min(), pan.max()
+    elif least_rad >= low_rad and most_rad <= high_rad:
+        return angles_rad
+    if least_rad >= low_rad and most_rad <= high_rad:
+        return np.stack([pan, angles_rad[:, 1]], axis=-1)
 
     def out_of_reach_rad(turn: float) -> float:
         moved = pan + turn

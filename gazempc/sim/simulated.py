@@ -31,6 +31,8 @@ class SimulatedNeck:
         self._start_rad = np.asarray(position_rad, dtype=np.float64)
         self._clock_s = clock_s
         self._servos: list[DelayedServo] | None = None
+        self._true: JointState | None = None
+        self._advanced_s = -math.inf
         self._load_rad: list[float] = np.deg2rad([axis.load_offset_deg for axis in neck.axes]).tolist()
         self._limits_rad = list(zip(neck.position_min_rad.tolist(), neck.position_max_rad.tolist(), strict=True))
         # Of what is sent: angles, or speeds.
@@ -48,7 +50,7 @@ class SimulatedNeck:
     def connect(self) -> None:
         """Start the simulation at the clock's time; see `gazempc.robots.robot.Robot.connect`."""
         if self._servos is None:
-            now_s = self._clock_s()
+            now_s = self._advanced_s = self._clock_s()
             self._servos = [
                 DelayedServo(axis, float(start), now_s, stops)
                 for axis, start, stops in zip(self._neck.axes, self._start_rad, self._limits_rad, strict=True)
@@ -66,11 +68,16 @@ class SimulatedNeck:
 
     def true_state(self) -> JointState:
         """Where the joints really are; raises as `read_state`."""
+        # Asked for several times a tick; what is sent meanwhile does not change it.
+        true = self._true
+        if true is not None and true.time_s == self._clock_s():
+            return true
         servos, now_s = self._advance()
         states = [servo.state for servo in servos]
         position_rad = [state[0] + load_rad for state, load_rad in zip(states, self._load_rad, strict=True)]
         motion = np.array([position_rad, [state[1] for state in states]])
-        return JointState(now_s, motion[0], motion[1])
+        self._true = true = JointState(now_s, motion[0], motion[1])
+        return true
 
     def send_command(self, command: FloatArray) -> FloatArray:
         """See `gazempc.robots.robot.Robot.send_command`; an axis that takes speeds is sent one, rad/s."""
@@ -90,12 +97,14 @@ class SimulatedNeck:
 
     def close(self) -> None:
         """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""
-        self._servos = None
+        self._servos = self._true = None
 
     def _advance(self) -> tuple[list[DelayedServo], float]:
         if self._servos is None:
             raise RobotError("the simulated neck is not connected: call connect() first")
         now_s = self._clock_s()
-        for servo in self._servos:
-            servo.advance_to(now_s)
+        if now_s != self._advanced_s:
+            for servo in self._servos:
+                servo.advance_to(now_s)
+            self._advanced_s = now_s
         return self._servos, now_s

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gazempc.controllers.chain import Chain, head_time_s
+from gazempc.controllers.chain import Chain, head_time_s, slopes
 from gazempc.controllers.controller import ControllerError, JointPlan, Plan, Situation
 from gazempc.controllers.mpc.acquisition import ACQUISITION_DAMPING, Acquisition
 from gazempc.controllers.mpc.condense import axis_model, growing_steps
@@ -241,7 +241,7 @@ class Mpc:
         # Eyes and body begin on the way that they follow. A start at the present command
         # would add a transient to slow eyes.
         position_rad = np.concatenate(([2.0 * position_rad[0] - position_rad[1]], position_rad))
-        velocity_rad_s = np.gradient(position_rad, self.neck.control_period_s)
+        velocity_rad_s = slopes(position_rad[:, None], self.neck.control_period_s)[:, 0]
         return JointPlan(position_rad, velocity_rad_s, np.zeros_like(position_rad))
 
     def _note(self, axis: int, solution: Solution, events: list[str], faults: list[ControllerError]) -> None:
