@@ -53,14 +53,23 @@ def parts_of(outputs, motion):
 
 
 @pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
-@pytest.mark.parametrize(("evidence", "error_m"), [(None, 0.01), (0.7, 0.01), (0.7, 0.0033), (0.7, 0.002)])
-def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known, evidence, error_m):
+@pytest.mark.parametrize(
+    ("evidence", "white_m", "growth_m", "precise"),
+    [
+        (None, 0.01, 0.01, 0.0),
+        (0.7, 0.01, 0.004, 0.0),
+        # The weight is linear in the logarithm of both errors, from 3.8 to 2.8 mm and from 9 to 7 mm.
+        (0.7, 0.0033, 0.004, math.log(3.8 / 3.3) / math.log(3.8 / 2.8)),
+        (0.7, 0.002, 0.008, math.log(9.0 / 8.0) / math.log(9.0 / 7.0)),
+        (0.7, 0.002, 0.01, 0.0),
+        (0.7, 0.002, 0.004, 1.0),
+    ],
+)
+def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known, evidence, white_m, growth_m, precise):
     """Of the networks for tracks with an orientation, for precise trackers, for tracks without, or a mixture."""
     model, (x, spread, motion) = random_model(), rows(5)
-    x[:, KNOWN], x[:, [LOG_SD.start, LOG_SD.start + 1, LOG_SD.start + 2, LOG_SD.stop + 4]] = (
-        known,
-        np.log(error_m / 0.01),
-    )
+    # The third difference over four frames is the fifth input after the sizes of the error.
+    x[:, KNOWN], x[:, LOG_SD], x[:, LOG_SD.stop + 4] = known, np.log(white_m / 0.01), np.log(growth_m / 0.01)
     mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
     ensembles = []
     for each in (model.seeing, model.blind, model.precise):
@@ -68,8 +77,7 @@ def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known
         own, other = parts_of(layers(*pair, x), motion), parts_of(layers(*pair, x * MIRROR), mirrored)
         pairs_of_parts = zip(own, (other[0] * [1, -1, 1], other[1] * [1, -1, 1], other[2]), strict=True)
         ensembles.append([np.concatenate(pair_of_parts) for pair_of_parts in pairs_of_parts])
-    # From 3.8 to 2.8 mm of white error the networks for precise trackers fade in, linear in its logarithm.
-    precise = max(known) * {0.01: 0.0, 0.0033: math.log(3.8 / 3.3) / math.log(3.8 / 2.8), 0.002: 1.0}[error_m]
+    precise *= max(known)
     shares = max(known) - precise, 1.0 - max(known), precise
     walk, stay, logit = (sum(map(mul, shares, each)) for each in zip(*ensembles, strict=True))
     if evidence is not None:

@@ -295,9 +295,9 @@ def test_a_range_that_is_wrong_by_a_fifth_leaves_the_bearing_good():
     assert np.sqrt(np.mean(stated**2)) < 1.1 * np.sqrt(np.mean(direction_errors_deg(False, -0.2) ** 2))
 
 
-@pytest.mark.parametrize(("wander_m", "least", "most"), [(0.0, 0.8, 0.97), (0.02, 0.98, 1.02)])
-def test_precise_trackers_have_networks_of_their_own_and_those_that_wander_have_not(wander_m, least, most):
-    """White error of at most 2 mm in both: what tells them apart is the growth of differences with the lag."""
+@pytest.mark.parametrize(("wander_m", "least", "most"), [(0.0, 0.8, 0.97), (0.01, 0.98, 1.04), (0.02, 0.98, 1.02)])
+def test_precise_trackers_have_networks_of_their_own_and_those_that_wander_hardly(wander_m, least, most):
+    """White error of at most 2 mm in all; the wander adds to the differences from frame to frame."""
     sensor = load_sensor("body_tracker" if wander_m else "perfect")
     if wander_m:
         changes = {"position_noise_m": 0.002, "position_wander_m": wander_m, "position_wander_time_s": 0.5}
