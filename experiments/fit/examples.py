@@ -57,6 +57,7 @@ class Examples:
         weight: How much each counts, shape (N,).
         line_m_s: Velocity of the line, shape (N, 3).
         places_m: Places to stay at, shape (N, N_PLACES, 3).
+        precise: Weight of the networks for precise trackers, shape (N,).
     """
 
     network: NDArray[np.float16]
@@ -66,6 +67,7 @@ class Examples:
     weight: NDArray[np.float32]
     line_m_s: NDArray[np.float32]
     places_m: NDArray[np.float32]
+    precise: NDArray[np.float32]
 
 
 T = TypeVar("T")
@@ -108,8 +110,9 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
         off = truth(ahead_s) - line.origin_base_m - KNOTS_S[:, None] * line.velocity_base_m_s
         off = off @ line.to_base()
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
-        weighted = off, weight * inputs.on_foot
-        found.append((inputs.network, inputs.spread, inputs.stated_sd_m, *weighted, inputs.line_m_s, inputs.places_m))
+        truth_and_weight = off, weight * inputs.on_foot
+        regimes = inputs.line_m_s, inputs.places_m, inputs.precise
+        found.append((inputs.network, inputs.spread, inputs.stated_sd_m, *truth_and_weight, *regimes))
     network, *others = zip(*found, strict=True) if found else ((),) * len(fields(Examples))
     return Examples(np.array(network, dtype=np.float16), *(np.array(each, dtype=np.float32) for each in others))
 

@@ -206,7 +206,7 @@ class Found:
     def by(cls, model: WalkerModel, part: Examples) -> Found:
         """Errors of a model on examples."""
         motion = RegimeMotion(part.line_m_s.astype(np.float64), part.places_m.astype(np.float64))
-        regimes = model.regimes(part.network.astype(np.float64), motion)
+        regimes = model.regimes(part.network.astype(np.float64), motion, part.precise.astype(np.float64))
         departure, doubt = model.answer(regimes, part.spread.astype(np.float64))
         noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
         return cls(doubt, noise_m, departure - part.departure_m, weight)

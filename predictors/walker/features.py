@@ -46,31 +46,17 @@ N_INPUTS = _MEMORIES.stop
 KNOWN = slice(_SCALARS + 7, _SCALARS + 9)
 # Inputs for the error of the observed position: correlation of along and across; logarithms of its sizes.
 CORRELATION, LOG_SD = _SCALARS + 2, slice(_SCALARS + 9, _SCALARS + 12)
-_WANDER = _COLOURS.start + 2
 OF_YAWS = np.r_[_YAWS, _SCALARS : _SCALARS + 2, KNOWN, _COLOURS.start + 6 : _COLOURS.stop]
 N_SPREAD = 12 + N_ERRORS + N_COLOURS
 
 
 # Errors of a precise tracker, such as motion capture, metres: full weight and none, for the white error of the position
-# and for third differences over four frames, which are below 7 mm where they hold gait alone. Trackers with at most
-# 2 mm of white error that wander by 8 to 20 mm pass in part: 0.4 % more error in the mean over 13 walks, up to 4 % in
-# single ones. With bounds of 4 to 6 and 8 to 12 mm it is up to 17 % in the mean.
-_PRECISE_M = ((0.0028, 0.0038), (0.007, 0.009))
-_PRECISE = np.log(np.array(_PRECISE_M).T / NOISE_SCALE_M)
-
-
-def precision(network: FloatArray) -> FloatArray:
-    """Weight of the networks for precise trackers.
-
-    Args:
-        network: Inputs of the networks, shape (N, N_INPUTS).
-
-    Returns:
-        Shape (N,), 0 to 1, by the measured or stated error of the tracker.
-    """
-    sizes = np.stack([network[:, LOG_SD].mean(axis=1), network[:, _WANDER]], axis=1)
-    weights = np.minimum(np.maximum((_PRECISE[1] - sizes) / (_PRECISE[1] - _PRECISE[0]), 0.0), 1.0)
-    return np.asarray(weights[:, 0] * weights[:, 1])
+# (at least 2 mm, the floor of `MeasuredNoise`) and for third differences over four frames, which hold gait alone there.
+# Chosen on 13 walks: trackers with at most 2 mm of white error that wander by 8 to 20 mm have at most 0.2 % more error
+# in the mean, up to 2.5 % in single walks.
+_PRECISE_WHITE_M, _PRECISE_WANDER_M = (0.0025, 0.0032), (0.0065, 0.008)
+# Share of measurements in the wander from which the weight is full: a quarter of a second.
+_WANDER_SHARE = 0.25
 
 
 def _mirror() -> FloatArray:
@@ -102,6 +88,7 @@ class WalkerInputs:
         line_m_s: Velocity of the line along, across and up, shape (3,).
         places_m: Places at which the person may stay, relative to the line's origin, along, across and up, shape
             (N_PLACES, 3), metres.
+        precise: Weight of the networks for precise trackers, 0 to 1, by the measured or stated error.
     """
 
     line: Line
@@ -112,6 +99,7 @@ class WalkerInputs:
     stated_base_m2: FloatArray
     line_m_s: FloatArray
     places_m: FloatArray
+    precise: float
 
 
 class WalkerHistory:
@@ -129,13 +117,16 @@ class WalkerHistory:
         self._errors = LineErrors()
         self._memories = Memories()
 
-    def add(self, observation: HeadObservation, state: FloatArray, covariance_m2: FloatArray) -> WalkerInputs:
+    def add(
+        self, observation: HeadObservation, state: FloatArray, covariance_m2: FloatArray, prior_m2: float
+    ) -> WalkerInputs:
         """Take in an observation that is newer than all before it.
 
         Args:
             observation: The observation.
             state: Position and velocity of a steady walk at its time, shape (6,), metres and m/s.
             covariance_m2: Covariance of the observed position, shape (3, 3), square metres.
+            prior_m2: Part of its variances that is a prior and no measurement, square metres.
 
         Returns:
             The inputs at its capture time.
@@ -209,7 +200,16 @@ class WalkerHistory:
         on_foot = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
         line_m_s = np.array([speed, 0.0, float(state[5])])
         stated_sd_m, stated_base_m2 = (np.array(sd_m), covariance_m2) if stated else (np.zeros(3), np.zeros((3, 3)))
-        return WalkerInputs(line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, np.array(places_m))
+        precise = self._precision([m2 if stated else m2 - prior_m2 for m2 in noise_m2])
+        return WalkerInputs(
+            line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, np.array(places_m), precise
+        )
+
+    def _precision(self, white_m2: list[float]) -> float:
+        white_m = math.sqrt(math.prod(max(m2, _ROUNDING_M2) for m2 in white_m2) ** (1.0 / 3.0))
+        wander_m, share = self._colour.wander_m()
+        weight = (1.0 - _ramp(white_m, *_PRECISE_WHITE_M)) * (1.0 - _ramp(wander_m, *_PRECISE_WANDER_M))
+        return weight * min(share / _WANDER_SHARE, 1.0)
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from predictors.types import FloatArray
-from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD, precision
+from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
 from predictors.walker.memories import N_PLACES
 
 Float32Array = NDArray[np.float32]
@@ -239,22 +239,22 @@ class WalkerModel:
         if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
 
-    def regimes(self, network: FloatArray, motion: RegimeMotion) -> Regimes:
+    def regimes(self, network: FloatArray, motion: RegimeMotion, precise: FloatArray) -> Regimes:
         """Motion in the two regimes, and the evidence of a walk.
 
         Each input is evaluated with its mirror image, so the model is symmetric in left and right. Tracks without any
-        orientation and precise trackers have networks of their own, weighted by orientation and measured error.
+        orientation and precise trackers have networks of their own, weighted by orientation and the tracker's error.
 
         Args:
             network: Inputs of the network, shape (N, N_INPUTS).
             motion: Motion in the two regimes.
+            precise: Weight of precise trackers, shape (N,), 0 to 1.
 
         Returns:
             Answers of the ensemble, for `answer`.
         """
         seen = np.maximum.reduce(network[:, KNOWN], axis=1)
-        precise = seen * precision(network)
-        shares = (self.seeing, seen - precise), (self.blind, 1.0 - seen), (self.precise, precise)
+        shares = (self.seeing, seen * (1.0 - precise)), (self.blind, 1.0 - seen), (self.precise, seen * precise)
         return Regimes.mean([(ensemble(network, motion), share) for ensemble, share in shares if share.any()])
 
     def answer(

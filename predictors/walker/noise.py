@@ -50,7 +50,7 @@ class MeasuredNoise:
     def __init__(self) -> None:
         # xx, xy, xz, yy, yz, zz
         self._covariance_m2 = [_PRIOR_M**2, 0.0, 0.0, _PRIOR_M**2, 0.0, _PRIOR_M**2]
-        self._frames = _PRIOR_FRAMES
+        self._frames, self._prior_share = _PRIOR_FRAMES, 1.0
 
     def learn(self, times_s: FloatArray, positions_m: FloatArray) -> None:
         """Take in the newest position.
@@ -75,6 +75,12 @@ class MeasuredNoise:
             (1.0 - gain) * known + share * new for known, new in zip(self._covariance_m2, squares, strict=True)
         ]
         self._frames += 1.0
+        self._prior_share *= 1.0 - gain
+
+    @property
+    def prior_m2(self) -> float:
+        """Part of each variance that is the prior's and no measurement, square metres."""
+        return self._prior_share * _PRIOR_M**2
 
     def covariance_m2(self) -> FloatArray:
         """The covariance, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
@@ -98,7 +104,7 @@ class MeasuredColour:
 
     def __init__(self) -> None:
         self._ratio2 = np.ones((len(_LAGS), 4))
-        self._frames = 0
+        self._frames, self._prior_share = 0, 1.0
 
     def learn(self, track: FloatArray) -> FloatArray:
         """Take in the newest frame.
@@ -118,12 +124,27 @@ class MeasuredColour:
             ratio2 = np.minimum(squares[:, 1:] / _UNIT2, _LARGEST_RATIO2)
             self._frames += 1
             known = self._ratio2[:lags]
-            known += (ratio2 - known) / min(self._frames + _COLOUR_PRIOR_FRAMES, _COLOUR_MEMORY_FRAMES)
+            gain = 1.0 / min(self._frames + _COLOUR_PRIOR_FRAMES, _COLOUR_MEMORY_FRAMES)
+            known += gain * (ratio2 - known)
+            if lags == len(_LAGS):
+                self._prior_share *= 1.0 - gain
         logs = 0.5 * np.log(self._ratio2 + _SMALLEST_RATIO2)
         colours = np.empty(N_COLOURS)
         colours[:6] = logs[:, :2].T.ravel()
         colours[6:] = logs[::2, 2:].T.ravel()
         return colours
+
+    def wander_m(self) -> tuple[float, float]:
+        """Horizontal third difference over the longest lag, without its prior, and the share of measurements in it.
+
+        Returns:
+            The RMS difference, metres, infinite before the first; the share, 0 to 1.
+        """
+        share = 1.0 - self._prior_share
+        if not share:
+            return math.inf, 0.0
+        measured = max(float(self._ratio2[-1, 0]) - self._prior_share, 0.0) / share
+        return math.sqrt(measured * float(_UNIT2[0])), share
 
 
 def without_stated(colours: FloatArray, stated_m2: FloatArray) -> FloatArray:

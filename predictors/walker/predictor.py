@@ -107,7 +107,8 @@ class Walker:
             window.add(earlier, noise_m2(earlier, measured_m2))
         _, state, _ = self._position.state()
         last_s = None if self._inputs is None else self._inputs.line.time_s
-        self._inputs = self._history.add(taken[-1], state, noise_m2(taken[-1], measured_m2))
+        covariance_m2 = noise_m2(taken[-1], measured_m2)
+        self._inputs = self._history.add(taken[-1], state, covariance_m2, self._noise.prior_m2)
         self._weigh(self._inputs, last_s)
         self._noise.learn(window.times_s, window.values[:, :3])
         self._knots = None
@@ -117,7 +118,7 @@ class Walker:
         if inputs.on_foot == 0.0:  # a first frame has no direction to be seen in
             return
         motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
-        self._regimes = self._model.regimes(inputs.network[None], motion)
+        self._regimes = self._model.regimes(inputs.network[None], motion, np.array([inputs.precise]))
         evidence = self._regimes.evidence
         if self._evidence is None or last_s is None:
             self._evidence = evidence

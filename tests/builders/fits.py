@@ -19,4 +19,5 @@ def toy(n, seed):
     noise_m[np.arange(n), np.arange(n) % 2] = 0.01  # of every other tracker that states it
     still, nowhere = np.zeros((n, 3), dtype=np.float32), np.zeros((n, N_PLACES, 3), dtype=np.float32)
     ones = np.ones(n, dtype=np.float32)
-    return Examples(x, np.ones((n, N_SPREAD), dtype=np.float32), noise_m, y, ones, still, nowhere)
+    spread = np.ones((n, N_SPREAD), dtype=np.float32)
+    return Examples(x, spread, noise_m, y, ones, still, nowhere, np.zeros(n, dtype=np.float32))

@@ -23,7 +23,7 @@ def test_networks_learn_and_are_the_same_for_the_same_seed():
     assert weights[-1].shape[-1] == N_OUTPUTS
     model = WalkerModel(*3 * (Ensemble(weights, biases),), straight_model().log_spread)
     motion = RegimeMotion(other.line_m_s.astype(float), other.places_m.astype(float))
-    regimes = model.regimes(other.network.astype(float), motion)
+    regimes = model.regimes(other.network.astype(float), motion, other.precise.astype(float))
     error = model.answer(regimes, other.spread.astype(float))[0] - other.departure_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))

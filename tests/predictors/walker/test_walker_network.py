@@ -15,7 +15,7 @@ from gazempc.loop.build import Person, make_predictor
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
 from predictors.walker.between import BetweenKnots
-from predictors.walker.features import KNOWN, LOG_SD, MIRROR, N_INPUTS, N_SPREAD
+from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
 from predictors.walker.model_file import load_walker_model, model_file, save_walker_model
 from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, N_OUTPUTS, RegimeMotion, WalkerModelError
 
@@ -53,23 +53,11 @@ def parts_of(outputs, motion):
 
 
 @pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
-@pytest.mark.parametrize(
-    ("evidence", "white_m", "growth_m", "precise"),
-    [
-        (None, 0.01, 0.01, 0.0),
-        (0.7, 0.01, 0.004, 0.0),
-        # The weight is linear in the logarithm of both errors, from 3.8 to 2.8 mm and from 9 to 7 mm.
-        (0.7, 0.0033, 0.004, math.log(3.8 / 3.3) / math.log(3.8 / 2.8)),
-        (0.7, 0.002, 0.008, math.log(9.0 / 8.0) / math.log(9.0 / 7.0)),
-        (0.7, 0.002, 0.01, 0.0),
-        (0.7, 0.002, 0.004, 1.0),
-    ],
-)
-def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known, evidence, white_m, growth_m, precise):
+@pytest.mark.parametrize(("evidence", "precise"), [(None, 0.0), (0.7, 0.0), (0.7, 0.25), (0.7, 1.0)])
+def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known, evidence, precise):
     """Of the networks for tracks with an orientation, for precise trackers, for tracks without, or a mixture."""
     model, (x, spread, motion) = random_model(), rows(5)
-    # The third difference over four frames is the fifth input after the sizes of the error.
-    x[:, KNOWN], x[:, LOG_SD], x[:, LOG_SD.stop + 4] = known, np.log(white_m / 0.01), np.log(growth_m / 0.01)
+    x[:, KNOWN], precision = known, np.full(5, precise)
     mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
     ensembles = []
     for each in (model.seeing, model.blind, model.precise):
@@ -77,14 +65,13 @@ def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known
         own, other = parts_of(layers(*pair, x), motion), parts_of(layers(*pair, x * MIRROR), mirrored)
         pairs_of_parts = zip(own, (other[0] * [1, -1, 1], other[1] * [1, -1, 1], other[2]), strict=True)
         ensembles.append([np.concatenate(pair_of_parts) for pair_of_parts in pairs_of_parts])
-    precise *= max(known)
-    shares = max(known) - precise, 1.0 - max(known), precise
+    shares = max(known) * (1.0 - precise), 1.0 - max(known), max(known) * precise
     walk, stay, logit = (sum(map(mul, shares, each)) for each in zip(*ensembles, strict=True))
     if evidence is not None:
         logit = logit - logit.mean(axis=0) + evidence
     walks = 1.0 / (1.0 + np.exp(-logit))
     answers = walks[..., None, None] * walk + (1.0 - walks)[..., None, None] * stay
-    departure, doubt = model.answer(model.regimes(x, motion), spread, evidence and np.full(5, evidence))
+    departure, doubt = model.answer(model.regimes(x, motion, precision), spread, evidence and np.full(5, evidence))
     np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
     np.testing.assert_array_equal(doubt[:, :N_SPREAD], spread)
     knots = [int(np.flatnonzero(h == KNOTS_S)[0]) for h in (0.5, 1.0)]

@@ -50,6 +50,32 @@ def test_without_noise_the_floor_is_left_and_a_spike_does_not_blow_it_up():
     assert np.sqrt(measured(times_s, shaken)[0, 0]) < 0.05
 
 
+def test_the_share_of_the_prior_is_stated():
+    """Third differences of a constant size, 8 / sqrt(20) of an alternation: the prior's weight is 2 / (frames - 1)."""
+    noise, times_s = MeasuredNoise(), np.arange(10) * FRAME_S
+    positions_m = np.outer((-1.0) ** np.arange(10), [0.003, 0.0, 0.0])
+    for k in range(1, 11):
+        noise.learn(times_s[:k], positions_m[:k])
+    prior_share = 2.0 / 9.0
+    assert noise.prior_m2 == pytest.approx(prior_share * 0.01**2)
+    measured_m2 = (1.0 - prior_share) * 64.0 / 20.0 * 0.003**2
+    expected_m2 = [noise.prior_m2 + 0.002**2 + own for own in (measured_m2, 0.0, 0.0)]
+    np.testing.assert_allclose(noise.covariance_m2().diagonal(), expected_m2)
+
+
+@pytest.mark.parametrize("size_m", [0.0, 0.002, 0.02])
+def test_the_wander_is_measured_without_its_prior_from_the_first_difference_on(size_m):
+    """A square wave that changes sign every four frames, along one of two axes."""
+    colour = MeasuredColour()
+    track = np.outer(size_m * (-1.0) ** (np.arange(20) // 4), [1.0, 0.0, 0.0, 0.0, 0.0])
+    for k in range(1, 21):
+        colour.learn(track[:k])
+        if k <= 12:
+            assert colour.wander_m() == (np.inf, 0.0)
+        else:
+            assert colour.wander_m() == pytest.approx((8.0 / np.sqrt(40.0) * size_m, 1.0 - 21.0 / (k + 9.0)), abs=1e-8)
+
+
 def colour_of(track):
     """What is known of the colour in the end; columns: horizontal, vertical at three lags, pelvis, head at two."""
     colour = MeasuredColour()
