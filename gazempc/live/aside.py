@@ -14,7 +14,6 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import AroundTarget, Target
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState, Sighting
-from predictors import Forecast
 
 # A command waits so long for a reading under way, as before; then the reading hangs, and the command is sent meanwhile.
 _PATIENCE_S = 0.012
@@ -52,10 +51,6 @@ class ArrivingTarget(AroundTarget):
             self._arrivals.note_joints(*self._joints.popleft())
         self._target.take_in(self._arrivals.take(time_s, recorder), time_s, recorder)
         self.finished = self._arrivals.finished(time_s, recorder)
-
-    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
-        """See `gazempc.loop.track.Target.forecast`."""
-        return self._target.forecast(times_s, time_s, recorder)
 
 
 class ReadAside:

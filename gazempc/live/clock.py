@@ -39,23 +39,18 @@ class Clock(Protocol):
 
     def now_s(self) -> float:
         """Seconds since the clock was made."""
-        ...
 
     def sleep_until_s(self, time_s: float) -> None:
         """Return at a time on this clock, seconds; at once if it has passed."""
-        ...
 
     def from_unix_s(self, unix_s: float) -> float:
         """Unix time on this clock, seconds; a simulated clock starts at Unix time 0."""
-        ...
 
     def from_monotonic_s(self, monotonic_s: float) -> float:
         """A time of `time.monotonic` on this clock, seconds; a simulated clock starts at 0 of it."""
-        ...
 
     def unix_clock_stepped(self) -> bool:
         """Whether the computer's Unix clock was set since the last call; Unix times are then read by the new one."""
-        ...
 
 
 class RealClock:

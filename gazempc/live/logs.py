@@ -18,7 +18,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.log import ComputeTimes, Fault, Log, merge_faults
 from gazempc.results.moments import CutMoment, JointsMoment, Moment
-from gazempc.robots.robot import wrong_reading
+from gazempc.robots.robot import checked_reading
 from gazempc.types import JointState
 
 _BIN_MS = 0.01
@@ -146,10 +146,7 @@ class LiveLogs:
         joints: JointState | None = None
         try:
             with boundary(self._setup.robot, "true_state"):
-                found = self._true_state()
-                if wrong := wrong_reading(found, self._setup.neck):
-                    raise ValueError(wrong.replace("read_state", "true_state"))
-                joints = found
+                joints = checked_reading(self._true_state(), self._setup.neck, "true_state")
         except PartError as error:
             self.recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
         self._true_joints.append(joints)

@@ -9,12 +9,13 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import eye_in_base, head_in_base
 from gazempc.neck.spec import Geometry, NeckSpec
+from gazempc.settings import Settings
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
@@ -30,10 +31,8 @@ _AXES: dict[Axes, tuple[tuple[int, int, int], ...]] = {
 _MEMORY_S = 2.0
 
 
-class Mount(BaseModel):
+class Mount(Settings):
     """Pose of the sensor on the robot."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     on: Literal["base", "head", "eye"] = Field(
         default="base", description="Part that carries the sensor: the robot's base, its head, or its eyes"

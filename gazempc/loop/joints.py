@@ -12,7 +12,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
-from gazempc.robots.robot import Robot, wrong_reading
+from gazempc.robots.robot import Robot, checked_reading
 from gazempc.types import FloatArray, JointState
 
 # The motion in this time is compared with the one that the commands should have caused.
@@ -44,11 +44,9 @@ def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecor
     """
     try:
         with boundary(robot, "read_state"):
-            state = robot.read_state()
+            state = checked_reading(robot.read_state(), neck)
             if state is None:
                 return None
-            if wrong := wrong_reading(state, neck):
-                raise ValueError(wrong)
             # Copies, as a driver may use its buffers again.
             angles_rad, speeds_rad_s = (np.array(v, np.float64) for v in (state.position_rad, state.velocity_rad_s))
             if abs(time_read_s := float(state.time_s)) > _ANY_TIME_S:

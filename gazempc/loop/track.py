@@ -85,6 +85,10 @@ class AroundTarget:
         """See `gazempc.loop.track.Target`."""
         return self._target.newest_capture_s
 
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """See `gazempc.loop.track.Target.forecast`."""
+        return self._target.forecast(times_s, time_s, recorder)
+
 
 class PersonTrack:
     """Guards one predictor: what cannot be used is dropped, what it raises becomes an event.

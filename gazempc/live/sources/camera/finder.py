@@ -48,7 +48,6 @@ class Detector(Protocol):
         self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
     ) -> list[Face]:
         """Faces in a square of a picture, the surest first."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
