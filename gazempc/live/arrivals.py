@@ -135,21 +135,19 @@ class Arrivals:
                 continue
             if self.heads_seen is not None:
                 self.heads_seen((in_base,), now_s)
-            seen = in_base.observation
-            if why := self._refusal(seen):
+            head_m, whose = in_base.observation.head_position_base_m, in_base.observation.person_id
+            if whose is None and not self._one_person:
+                # The person is unknown before association, so speed cannot be judged.
+                why = out_of_place(head_m)
+            else:
+                why = self._plausibility.refusal(in_base.observation.capture_time_s, head_m, whose)
+            if why:
                 recorder.refused(Event.IMPLAUSIBLE_PERSON)
                 self._warn(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
             else:
                 yield in_base
             if time.perf_counter() > until_s:
                 return
-
-    def _refusal(self, seen: HeadObservation) -> str:
-        """Why a head cannot be a person's; empty if it can be."""
-        if not self._one_person and seen.person_id is None:
-            # The person is unknown before association, so speed cannot be judged.
-            return out_of_place(seen.head_position_base_m)
-        return self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
 
     def _problem(self, now_s: float, recorder: LoopRecorder, text: str) -> None:
         recorder.refused(Event.BAD_OBSERVATION)

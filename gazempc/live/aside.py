@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from gazempc.live.arrivals import Arrivals
-from gazempc.loop.boundary import Slow, boundary, slow_call
+from gazempc.loop.boundary import boundary, slow_calls
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import AroundTarget, Target
@@ -101,9 +101,9 @@ class ReadAside:
         finally:
             self._wake.set()
 
-    def slow_call(self, ended: bool = False) -> Slow | None:
-        """A reading that takes long, see `gazempc.loop.boundary.slow_call`."""
-        return slow_call(self._thread.ident or 0, ended)
+    def slow_calls(self, ended: bool) -> list[TimeoutError | None]:
+        """A reading that takes long, see `gazempc.loop.boundary.slow_calls`."""
+        return slow_calls(self._thread.ident or 0, ended)
 
     def close(self) -> None:
         """Close the robot; waits for a reading under way for a moment only."""

@@ -89,34 +89,23 @@ def boundary(part: object, method: str) -> Iterator[None]:
             _under_way[thread] = outer
 
 
-class Slow(NamedTuple):
-    """A call of a part that takes long: its name and time in a text; empty while it is under way."""
-
-    text: str
-
-    @property
-    def error(self) -> TimeoutError | None:
-        """What to record; None while it is under way."""
-        return TimeoutError(self.text) if self.text else None
-
-
-def slow_call(thread: int, ended: bool = False) -> Slow | None:
-    """A call of a part in a thread that takes long.
+def slow_calls(thread: int, ended: bool = False) -> list[TimeoutError | None]:
+    """Calls of parts in a thread that take long.
 
     Args:
         thread: Its identifier.
         ended: Whether the run has ended: a call that has not returned is then named, too.
 
     Returns:
-        The call; None if there is none.
+        What to record of each, with its name and time; None for a call under way.
     """
     call, finished = _under_way.get(thread), _slow.pop(thread, "")
-    if finished or call is None:
-        return Slow(finished) if finished else None
-    since_s = time.perf_counter() - call.began_s
-    if since_s <= SLOW_S:
-        return None
-    return Slow(f"{call.name} has not returned for {since_s:.3f} s" if ended else "")
+    if finished:
+        return [TimeoutError(finished)]
+    since_s = 0.0 if call is None else time.perf_counter() - call.began_s
+    if call is None or since_s <= SLOW_S:
+        return []
+    return [TimeoutError(f"{call.name} has not returned for {since_s:.3f} s") if ended else None]
 
 
 def numbers(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from gazempc.neck.kinematics import pan_tilt_rad
 from gazempc.types import BoolArray, FloatArray
 
 
@@ -196,9 +197,7 @@ class FieldOfView(_Table):
         Returns:
             Shape (N,).
         """
-        x, y, z = positions_m.T
-        azimuth_deg = np.degrees(np.arctan2(y, x))
-        elevation_deg = np.degrees(np.arctan2(z, np.hypot(x, y)))
+        azimuth_deg, elevation_deg = np.degrees(pan_tilt_rad(positions_m)).T
         return np.asarray(
             (np.abs(azimuth_deg) <= self.horizontal_deg / 2) & (np.abs(elevation_deg) <= self.vertical_deg / 2)
         )

@@ -14,7 +14,7 @@ from typing import Any
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
 from gazempc.live.sources.camera.capture import CameraOptions
-from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
+from gazempc.live.sources.camera.worker import Failed, Message, Opened, serve
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.results.moments import Moment, PictureMoment
 from gazempc.robots.ptz_emulator import EMULATOR, picture_url
@@ -99,8 +99,8 @@ class CameraSource:
         while not self._ended and self._messages is not None and self._messages.poll():
             messages.append(self._next())
         for message in messages:
-            if isinstance(message, Shown) and self._watch is not None:
-                self._watch(PictureMoment(to_loop_s(message.captured_s), message.jpeg))
+            if isinstance(message, PictureMoment) and self._watch is not None:
+                self._watch(message._replace(time_s=to_loop_s(message.time_s)))
         seen = [each for each in messages if isinstance(each, HeadObservation)]
         problems = [
             each.why if isinstance(each, Failed) else each for each in messages if isinstance(each, str | Failed)

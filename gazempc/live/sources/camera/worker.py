@@ -23,6 +23,7 @@ from gazempc.live.sources.source import Notice, SourceError
 from gazempc.loop.events import Event
 from gazempc.parts import error_line
 from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
+from gazempc.results.moments import PictureMoment
 from predictors import HeadObservation
 
 _WINDOW_S, _LEAST_PICTURES, _LEAST_FACES = 4.0, 4, 3
@@ -82,19 +83,6 @@ _QUALITY = 60
 _PERIOD_S = 0.2
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A small picture.
-
-    Attributes:
-        captured_s: When it was captured, on the clock of `time.monotonic`, seconds.
-        jpeg: The picture.
-    """
-
-    captured_s: float
-    jpeg: bytes
-
-
 def _small(cv2: Any, rgb: Any) -> bytes:
     height, width = rgb.shape[:2]
     size = (_WIDTH_PX, max(1, round(height * _WIDTH_PX / width)))
@@ -127,8 +115,8 @@ class Failed:
     why: str = ""
 
 
-# Observations have capture times on the clock of `time.monotonic`; a text is something that was wrong for a moment.
-Message = Opened | Failed | HeadObservation | Notice | Shown | str
+# Times of capture are on the clock of `time.monotonic`; a text is something that was wrong for a moment.
+Message = Opened | Failed | HeadObservation | Notice | PictureMoment | str
 
 
 def serve(
@@ -191,7 +179,7 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
                 parent.send(Notice(Event.LOW_FRAME_RATE, why, 0))
             if shows and captured_s - shown_s >= _PERIOD_S:
                 shown_s = captured_s
-                parent.send(Shown(captured_s, _small(cv2, picture.rgb)))
+                parent.send(PictureMoment(captured_s, _small(cv2, picture.rgb)))
     finally:
         pictures.close()
 
