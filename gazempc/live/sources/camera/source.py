@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -13,6 +12,7 @@ from typing import Any
 
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
+from gazempc.live.process import start_child
 from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.live.sources.camera.worker import Failed, Message, Opened, serve
 from gazempc.live.sources.source import Arrived, Notice, SourceError
@@ -78,13 +78,9 @@ class CameraSource:
         """See `gazempc.live.sources.source.Source.open`; waits for the first picture."""
         if self._process is not None:
             return
-        context = multiprocessing.get_context("spawn")
-        self._messages, theirs = context.Pipe(duplex=False)
         address = picture_url() if self._address == EMULATOR else self._address
-        args = (address, self._options, theirs, self._watch is not None, self._own)
-        self._process = context.Process(target=serve, args=args, name="camera", daemon=True)
-        self._process.start()
-        theirs.close()
+        given = address, self._options, self._watch is not None, self._own
+        self._process, self._messages = start_child("camera", serve, *given)
         self._ended = False
         try:
             self._wait_for_picture()

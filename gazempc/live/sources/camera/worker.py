@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import GazempcError
-from gazempc.live.process import second_to_the_run
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Pictures, open_pictures
 from gazempc.live.sources.camera.finder import FaceSensor
@@ -119,13 +118,7 @@ class Failed:
 Message = Opened | Failed | HeadObservation | Notice | PictureMoment | str
 
 
-def serve(
-    address: str,
-    options: CameraOptions,
-    parent: Connection,
-    shows: bool = False,
-    own: Mapping[str, Any] | None = None,
-) -> None:
+def serve(parent: Connection, address: str, options: CameraOptions, shows: bool, own: Mapping[str, Any] | None) -> None:
     """Work until nothing more comes or the parent is gone.
 
     Args:
@@ -135,7 +128,6 @@ def serve(
         shows: Whether small pictures go there, too.
         own: Values for the constructor of a camera of your own.
     """
-    second_to_the_run()
     # The camera is let go in order.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
