@@ -13,7 +13,7 @@ from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import Robot, checked_reading
-from gazempc.types import FloatArray, JointState
+from gazempc.types import BoolArray, FloatArray, JointState
 
 # The motion in this time is compared with the one that the commands should have caused.
 _WINDOW_S = 0.6
@@ -80,6 +80,7 @@ class FollowingWatch:
         self._expected: deque[list[float]] = deque(maxlen=self._ticks)
         self._measured: deque[FloatArray] = deque(maxlen=self._ticks)
         self._unread_ticks = 0
+        self._stands: BoolArray = np.zeros(neck.joints, dtype=np.bool_)
         #: Joints that do not follow, by their place in `NeckSpec.joint_names`, ascending.
         self.held: tuple[int, ...] = ()
 
@@ -112,12 +113,6 @@ class FollowingWatch:
         ):
             return
         expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
-        held = []
-        for joint in range(len(expected_rad)):
-            if joint in self.held:
-                stands = moved_rad[joint] < _EXPECTED_RAD
-            else:
-                stands = expected_rad[joint] > _EXPECTED_RAD and moved_rad[joint] < _SHARE * expected_rad[joint]
-            if stands:
-                held.append(joint)
-        self.held = tuple(held)
+        stops = (expected_rad > _EXPECTED_RAD) & (moved_rad < _SHARE * expected_rad)
+        self._stands = np.where(self._stands, moved_rad < _EXPECTED_RAD, stops)
+        self.held = tuple(np.flatnonzero(self._stands).tolist())

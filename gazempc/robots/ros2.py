@@ -138,7 +138,7 @@ class Ros2Neck:
         self._connected()
         if self._states is None:
             return None
-        self._take_in(self._states)
+        self._take_in()
         latest, self._latest = self._latest, None
         if latest is None and self._clock_s() - self._heard_s > self._silent_after_s:
             # The robot may come back with its clock set to an earlier time.
@@ -206,14 +206,10 @@ class Ros2Neck:
 
     def _wait_for_robot(self, node: Ros2Node, commands: Publication) -> None:
         until_s = time.monotonic() + self._connect_timeout_s
-        while True:
-            if self._states is not None:
-                self._take_in(self._states)
-            heard = self._states is None or self._latest is not None
-            if heard and commands.has_listeners:
+        while time.monotonic() < until_s:
+            self._take_in()
+            if commands.has_listeners and (self._states is None or self._latest is not None):
                 return
-            if time.monotonic() >= until_s:
-                break
             time.sleep(_WAKE_S)
         if not commands.has_listeners:
             raise Ros2Error(node.why_no_match(self._command_topic, self._command_type, listeners=True))
@@ -226,10 +222,10 @@ class Ros2Neck:
             raise RobotError("the ROS 2 neck is not connected: call connect() first")
         return self._commands
 
-    def _take_in(self, states: Subscription) -> None:
+    def _take_in(self) -> None:
         now_s = self._clock_s()
         try:
-            messages = states.take()
+            messages = [] if self._states is None else self._states.take()
         except Ros2Error as error:
             raise RobotError(f"cannot read {self._state_topic}: {error}") from None
         for message in messages:
