@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import eye_in_base, head_in_base
 from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.settings import Settings
@@ -55,18 +54,6 @@ class Mount(Settings):
     def moves(self) -> bool:
         """Whether it moves with the joints."""
         return self.on != "base"
-
-    def check_fits(self, neck: NeckSpec) -> None:
-        """Refuse a sensor in the eye of a neck without eyes.
-
-        Args:
-            neck: The neck.
-
-        Raises:
-            SettingsError: If there are no eyes.
-        """
-        if self.on == "eye" and neck.eyes is None:
-            raise SettingsError(f"--mount.on eye: neck {neck.name!r} has no eyes that turn; accepted: base, head")
 
     @property
     def turn(self) -> Rotation:

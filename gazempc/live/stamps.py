@@ -290,7 +290,7 @@ class ClockOffset:
     def __init__(self, latency_s: float, hints: SetupHints) -> None:
         self.age_s = 0.0
         self.finding: Finding | None = None
-        self._latency_s, self._hints = latency_s, hints
+        self._hints = hints
         self._envelope = Envelope()
         self._resets = 0
         self._usual_s: float | None = None

@@ -118,11 +118,13 @@ class AttendedPeople:
         return middle_of([found, *(each for each in theirs if each is not None)])
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
-        frame = tuple(sighting for sighting in frame if not self._is_frozen(sighting, recorder))
+        fresh = [sighting for sighting in frame if not self._frozen.repeats(sighting)]
+        if len(fresh) < len(frame):
+            recorder.refused(Event.TRACKER_FROZEN, len(frame) - len(fresh))
         started = time.perf_counter()
-        found = self.people.see([sighting.observation for sighting in frame])
+        found = self.people.see([sighting.observation for sighting in fresh])
         update_ms = 1e3 * (time.perf_counter() - started)
-        for sighting, (number, became) in zip(frame, found, strict=True):
+        for sighting, (number, became) in zip(fresh, found, strict=True):
             if became in _EVENTS:
                 recorder.event(time_s, _EVENTS[became])
             if became in _REFUSED:
@@ -138,12 +140,6 @@ class AttendedPeople:
                 self._take_attended(track, sighting.observation, update_ms, time_s, recorder)
             else:
                 recorder.refused(Event.ANOTHER_PERSON)
-
-    def _is_frozen(self, sighting: Sighting, recorder: LoopRecorder) -> bool:
-        if not self._frozen.repeats(sighting):
-            return False
-        recorder.refused(Event.TRACKER_FROZEN)
-        return True
 
     def _guarded(self, track: TrackedPerson, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> bool:
         """Judge a sighting of a person by those before; gives whether the tracker stands frozen."""

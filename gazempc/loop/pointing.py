@@ -46,8 +46,8 @@ class Place:
         eye_base_m: FloatArray,
         from_direction: FloatArray,
         start_s: float,
-        min_duration_s: float = 0.0,
-        max_velocity_rad_s: float = np.inf,
+        min_duration_s: float,
+        max_velocity_rad_s: float,
     ) -> Place:
         """A place with a path that lasts at least so long and turns at most so fast.
 

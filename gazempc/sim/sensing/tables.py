@@ -37,13 +37,11 @@ class SightError(_Table):
         """Whether there is such an error."""
         return any((self.noise_m, self.wander_m, *self._shares))
 
-    def noise_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the white error at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.noise_m, self._shares[0] * range_m))
-
-    def wander_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the wander at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.wander_m, self._shares[1] * range_m))
+    def sds_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviations of white error and wander at ranges, shape (N,), metres; shape (2, N)."""
+        noise_share, wander_share = self._shares
+        sds_m = np.hypot(self.noise_m, noise_share * range_m), np.hypot(self.wander_m, wander_share * range_m)
+        return np.array(sds_m)
 
 
 class AlongError(SightError):

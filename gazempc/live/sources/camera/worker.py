@@ -156,9 +156,9 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
                 raise SourceError(f"source camera:{address}: a picture is not RGB, shape (height, width, 3), uint8")
             if sensor is None:
                 height, width = picture.rgb.shape[:2]
-                intrinsics = intrinsics_of(options, width, height)
+                intrinsics, about = _lens(options, width, height)
                 sensor = FaceSensor(detector, intrinsics)
-                parent.send(Opened(_about(options, width, height), intrinsics.half_view_rad(width, height)))
+                parent.send(Opened(about, intrinsics.half_view_rad(width, height)))
             captured_s = picture.captured_s - 1e-3 * options.latency_ms
             if captured_s <= latest_s:
                 continue  # a driver that gives a picture twice
@@ -176,32 +176,15 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
         pictures.close()
 
 
-def intrinsics_of(options: CameraOptions, width: int, height: int) -> Intrinsics:
-    """Which way each pixel looks.
-
-    Args:
-        options: Field of view or calibration.
-        width: Width of the pictures, pixels.
-        height: Height, pixels.
-
-    Returns:
-        The camera.
-
-    Raises:
-        SettingsError: If the calibration cannot be used.
-    """
-    if options.calibration is not None:
-        return from_calibration(options.calibration, width, height)
-    return from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height)
-
-
-def _about(options: CameraOptions, width: int, height: int) -> str:
+def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, str]:
+    """Which way each pixel looks, and a line about it."""
     about = f"{width} x {height} pixels, "
     if options.calibration is not None:
-        return f"{about}calibrated by {options.calibration}"
+        return from_calibration(options.calibration, width, height), f"{about}calibrated by {options.calibration}"
+    intrinsics = from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height)
     if options.fov_deg is not None:
-        return f"{about}{options.fov_deg:g} degrees across"
-    return (
+        return intrinsics, f"{about}{options.fov_deg:g} degrees across"
+    return intrinsics, (
         f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: directions and distances are wrong by as much as this is; "
         "set --camera.fov-deg, or give --camera.calibration"
     )
