@@ -269,7 +269,7 @@ class LiveRun:
             return
         # After a pause not one after the other.
         self._status_due_s = max(self._status_due_s + _STATUS_PERIOD_S, now_s)
-        command_rad, seen, plan = smoother.command.position_rad, loop.seen, loop.plan
+        command_rad, seen, plan = smoother.command.position_rad, self._target.newest, loop.plan
         self._emit(
             StatusMoment(
                 now_s,

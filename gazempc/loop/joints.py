@@ -24,8 +24,6 @@ _EXPECTED_RAD = math.radians(2.0)
 _SHARE = 0.2
 # With readings missing for a larger share of the window, measured and expected motion are of different times.
 _UNREAD_SHARE = 0.2
-# Upper bound of the times in a log.
-_ANY_TIME_S = 1e10
 
 
 def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecorder) -> JointState | None:
@@ -44,14 +42,7 @@ def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecor
     """
     try:
         with boundary(robot, "read_state"):
-            state = checked_reading(robot.read_state(), neck)
-            if state is None:
-                return None
-            # Copies, as a driver may use its buffers again.
-            angles_rad, speeds_rad_s = (np.array(v, np.float64) for v in (state.position_rad, state.velocity_rad_s))
-            if abs(time_read_s := float(state.time_s)) > _ANY_TIME_S:
-                raise ValueError(f"read_state() returned time_s {time_read_s}")
-            return JointState(time_read_s, angles_rad, speeds_rad_s)
+            return checked_reading(robot.read_state(), neck)
     except PartError as error:
         recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
     return None

@@ -45,9 +45,8 @@ class Sender:
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
         # Angles that the commands sent lead to, one row a servo period, oldest first.
         self._sent_rad: FloatArray = np.tile(start_rad, (history, 1))
-        self.sent: FloatArray = np.array(
-            [0.0 if axis.takes_speed else at for axis, at in zip(neck.axes, start_rad, strict=True)]
-        )
+        self.sent: FloatArray = np.where(neck.speed_joints, 0.0, start_rad)
+        self._low_rad, self._high_rad = neck.position_min_rad - _ROUNDED_RAD, neck.position_max_rad + _ROUNDED_RAD
         self.acknowledged_rad: FloatArray = start_rad
         self.gets_through = True
         self._lost = 0
@@ -104,14 +103,10 @@ class Sender:
         return sent_rad
 
     def _checked(self, answered: object) -> FloatArray:
-        joints = self._neck.joints
-        sent = numbers("what send_command() returned", np.array(answered), (joints,))
-        low, high = self._neck.position_min_rad - _ROUNDED_RAD, self._neck.position_max_rad + _ROUNDED_RAD
+        sent = numbers("what send_command() returned", np.array(answered), (self._neck.joints,))
         # Written so that a NaN is outside.
-        if not all(
-            (least <= each <= most) or (axis.takes_speed and math.isfinite(each))
-            for axis, each, least, most in zip(self._neck.axes, sent.tolist(), low.tolist(), high.tolist(), strict=True)
-        ):
+        within = (self._low_rad <= sent) & (sent <= self._high_rad)
+        if not (within | self._neck.speed_joints & np.isfinite(sent)).all():
             raise ValueError(
                 f"send_command() returned {sent}, needed are angles within the range of each joint, radians"
             )

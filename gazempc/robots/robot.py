@@ -76,7 +76,7 @@ def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -
         method: The method.
 
     Returns:
-        The reading; None for None (nothing new).
+        A copy of the reading, as a driver may use its buffers again; None for None (nothing new).
 
     Raises:
         RobotError: If it is anything else; names what is needed.
@@ -85,6 +85,8 @@ def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -
         return None
     if not isinstance(state, JointState):
         raise RobotError(f"{method}() returned {type(state).__name__}, needed is a gazempc.JointState, or None")
+    if not isinstance(state.time_s, float | int | np.floating | np.integer) or abs(state.time_s) > _ANY_NUMBER:
+        raise RobotError(f"{method}() returned time_s {state.time_s!r}, needed are seconds of the loop's clock")
     for name in ("position_rad", "velocity_rad_s"):
         value: object = getattr(state, name)
         if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
@@ -92,7 +94,8 @@ def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -
             raise RobotError(f"{method}() returned {name} {value!r}, needed is {needed}")
         if np.abs(value).max() > _ANY_NUMBER:
             raise RobotError(f"{method}() returned {name} {value}, needed are numbers of a joint")
-    return state
+    angles_rad, speeds_rad_s = (np.array(each, np.float64) for each in (state.position_rad, state.velocity_rad_s))
+    return JointState(float(state.time_s), angles_rad, speeds_rad_s)
 
 
 def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import Ros2Options
 from gazempc.robots.robot import check_command, stop_trajectory
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
-from gazempc.ros2.node import MakeNode, Publication, Ros2Node, Subscription, message_type
+from gazempc.ros2.node import Publication, Ros2Node, Subscription, message_type
 from gazempc.types import FloatArray, JointState
 
 _STATE_TYPE = "sensor_msgs/msg/JointState"
@@ -52,7 +52,6 @@ class Ros2Neck:
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         options: Topics, joints and clock.
         connect_timeout_s: How long `connect` waits for controller and joint states, seconds.
-        make_node: Makes the node.
 
     Raises:
         SettingsError: If an option cannot be right.
@@ -69,7 +68,6 @@ class Ros2Neck:
         to_loop_s: Callable[[float], float],
         options: Ros2Options,
         connect_timeout_s: float = 5.0,
-        make_node: MakeNode = Ros2Node,
     ) -> None:
         joint_names, joint_signs = options.joint_names, options.joint_signs
         joints = ", ".join(neck.joint_names)
@@ -93,7 +91,6 @@ class Ros2Neck:
         self._from_start_ns = round(from_start_s * 1e9)
         self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
-        self._make_node = make_node
         self._lost_s = math.inf
         self._returning: tuple[ruckig.InputParameter, ruckig.OutputParameter] | None = None
         self._return_steps = ruckig.Ruckig(neck.joints, neck.servo_period_s)
@@ -121,7 +118,7 @@ class Ros2Neck:
         if self._node is not None:
             return
         try:
-            self._node = self._make_node("gazempc", self._use_sim_time)
+            self._node = Ros2Node("gazempc", self._use_sim_time)
             self._commands = self._node.publication(self._command_topic, self._command_type)
             if self._neck.reports_joints:
                 self._states = self._node.subscription(self._state_topic, _STATE_TYPE)

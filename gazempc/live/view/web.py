@@ -278,16 +278,14 @@ class _Handler(BaseHTTPRequestHandler):
         return not self._page.on_loopback or host in {*LOOPBACK, self._page.host}
 
     def _answer(self, content: bytes, kind: str) -> None:
-        self.send_response(HTTPStatus.OK)
-        self._headers(kind)
+        self._begin(kind)
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
         self.wfile.write(content)
 
     def _stream(self, page: WebPage) -> None:
         self.close_connection = True
-        self.send_response(HTTPStatus.OK)
-        self._headers("text/event-stream")
+        self._begin("text/event-stream")
         self.send_header("Connection", "close")
         self.end_headers()
         try:
@@ -311,14 +309,12 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(f"{before}event: {name}\ndata: {text}\n\n".encode())
         self.wfile.flush()
 
-    def _headers(self, kind: str) -> None:
-        for name, value in (
-            ("Content-Type", kind),
-            ("Cache-Control", "no-store"),
-            ("Content-Security-Policy", _POLICY),
-            ("X-Content-Type-Options", "nosniff"),
-        ):
-            self.send_header(name, value)
+    def _begin(self, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Security-Policy", _POLICY)
+        self.send_header("X-Content-Type-Options", "nosniff")
 
     def log_message(self, format: str, *args: Any) -> None:
         """Requests are of no interest to who watches the run."""

@@ -38,7 +38,6 @@ class CameraSource:
             camera of your own.
         options: What to ask of it.
         clock: The loop's clock.
-        say: Takes a line about the camera.
         own: Values for the constructor of a camera of your own.
 
     Attributes:
@@ -53,13 +52,11 @@ class CameraSource:
         address: str,
         options: CameraOptions,
         clock: Clock,
-        say: Callable[[str], None] | None = None,
         own: Mapping[str, Any] | None = None,
     ) -> None:
         if options.calibration is not None and options.fov_deg is not None:
             raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")
         self._address, self._options, self._clock, self._own = address, options, clock, own
-        self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
         self.half_view_rad: tuple[float, float] | None = None
         self._process: SpawnProcess | None = None
         self._messages: Connection | None = None
@@ -132,7 +129,7 @@ class CameraSource:
             message = self._next()
             if isinstance(message, Opened):
                 self.half_view_rad = message.half_view_rad
-                self._say(f"{name}: {message.about}")
+                print(f"{name}: {message.about}", file=sys.stderr, flush=True)
                 return
             if isinstance(message, Failed):
                 raise SourceError(message.why or f"{name}: it has no picture")
