@@ -91,22 +91,24 @@ class Ros2Neck:
         self._from_start_ns = round(from_start_s * 1e9)
         self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
-        self._lost_s = math.inf
-        self._returning: tuple[ruckig.InputParameter, ruckig.OutputParameter] | None = None
         self._return_steps = ruckig.Ruckig(neck.joints, neck.servo_period_s)
         # Commands sent, newest last: as many as lie between a command and the joint that follows it.
         ahead_s = float(np.max(neck.dead_time_s + neck.servo_lag_s)) + neck.servo_period_s
         self._sent: deque[FloatArray] = deque(maxlen=max(3, round(ahead_s * neck.servo_rate_hz)))
         self._measured_rad: FloatArray | None = None
+        self._trajectory: Any = None
+        self.ignored = 0
+        self.ignored_because = ""
+        self._forget()
+
+    def _forget(self) -> None:
         self._node: Ros2Node | None = None
         self._commands: Publication | None = None
         self._states: Subscription | None = None
         self._latest: JointState | None = None
-        self._trajectory: Any = None
-        self._newest_s = -math.inf
-        self._heard_s = -math.inf
-        self.ignored = 0
-        self.ignored_because = ""
+        self._returning: tuple[ruckig.InputParameter, ruckig.OutputParameter] | None = None
+        self._lost_s, self._newest_s, self._heard_s = math.inf, -math.inf, -math.inf
+        self._sent.clear()
 
     def connect(self) -> None:
         """Join the graph, and wait until the controller and the joint states are there.
@@ -196,10 +198,7 @@ class Ros2Neck:
                 self._commands.publish(message_type(self._command_type)(data=[0.0] * self._signs.size))
         if self._node is not None:
             self._node.close()
-        self._sent.clear()
-        self._lost_s, self._returning = math.inf, None
-        self._node = self._commands = self._states = self._latest = None
-        self._newest_s = self._heard_s = -math.inf
+        self._forget()
 
     def _wait_for_robot(self, node: Ros2Node, commands: Publication) -> None:
         until_s = time.monotonic() + self._connect_timeout_s

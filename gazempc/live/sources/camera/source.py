@@ -87,10 +87,8 @@ class CameraSource:
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
-        messages: list[Message] = []
         now_s, to_loop_s = self._clock.now_s(), self._clock.from_monotonic_s
-        while not self._ended and self._messages is not None and self._messages.poll():
-            messages.append(self._next())
+        messages = list(iter(self._next, None))
         for message in messages:
             if isinstance(message, PictureMoment) and self._watch is not None:
                 self._watch(message._replace(time_s=to_loop_s(message.time_s)))
@@ -125,8 +123,7 @@ class CameraSource:
 
     def _wait_for_picture(self) -> None:
         until_s, name = time.monotonic() + _OPENS_WITHIN_S, f"source camera:{self._address}".rstrip(":")
-        while self._messages is not None and self._messages.poll(max(until_s - time.monotonic(), 0.0)):
-            message = self._next()
+        while (message := self._next(max(until_s - time.monotonic(), 0.0))) is not None:
             if isinstance(message, Opened):
                 self.half_view_rad = message.half_view_rad
                 print(f"{name}: {message.about}", file=sys.stderr, flush=True)
@@ -135,12 +132,13 @@ class CameraSource:
                 raise SourceError(message.why or f"{name}: it has no picture")
         raise SourceError(f"{name}: no picture within {_OPENS_WITHIN_S:.0f} s; is another program using it?")
 
-    def _next(self) -> Message:
-        assert self._messages is not None
+    def _next(self, wait_s: float = 0.0) -> Message | None:
+        """The next message; None if none comes within a time."""
+        if self._messages is None or self._ended:
+            return None
         try:
-            message: Message = self._messages.recv()
+            message: Message | None = self._messages.recv() if self._messages.poll(wait_s) else None
         except (EOFError, OSError):
             message = Failed("the process of the camera has gone")
-        if isinstance(message, Failed):
-            self._ended = True
+        self._ended = isinstance(message, Failed)
         return message
