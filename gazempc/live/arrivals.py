@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from gazempc.live.plausibility import Plausibility, Watch, out_of_place
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived, Notice, check_range
 from gazempc.live.stamps import ClockOffset, Frame, Stamps
-from gazempc.loop.boundary import PartError, boundary
+from gazempc.loop.boundary import boundary
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
@@ -91,13 +92,10 @@ class Arrivals:
             Observations in the base frame, each made when it is asked for: no more of them than there is time for.
         """
         for source in self._sources:
-            try:
-                with boundary(source, "poll"):
-                    arrived = _checked(source.poll())
-            except PartError as error:
-                recorder.event(now_s, Event.SOURCE_FAILED, error)
-            else:
-                self._sort(arrived, now_s, recorder)
+            arrived = Arrived()
+            with boundary(source, "poll", partial(recorder.event, now_s, Event.SOURCE_FAILED)):
+                arrived = _checked(source.poll())
+            self._sort(arrived, now_s, recorder)
         shifted = () if self._offset.finding is None else (self._offset.finding,)
         for finding in (*shifted, *self._watch.findings(now_s)):
             self._warn(now_s, recorder, *finding)
@@ -180,12 +178,9 @@ class Arrivals:
         Returns:
             True once nothing more will come.
         """
-        try:
-            with boundary(self._source, "finished"):
-                return bool(self._source.finished) and not self._waiting
-        except PartError as error:
-            recorder.event(now_s, Event.SOURCE_FAILED, error)
-            return False
+        with boundary(self._source, "finished", partial(recorder.event, now_s, Event.SOURCE_FAILED)):
+            return bool(self._source.finished) and not self._waiting
+        return False
 
     def _in_base(self, sighting: Sighting) -> Sighting:
         seen = self._mount.in_sensor(sighting.observation)

@@ -233,11 +233,8 @@ class LiveRun:
 
     def _close(self, part: Robot | Source, close: Callable[[], None], event: Event) -> None:
         # It must not raise; an exception all the same must not hide how the run ended.
-        try:
-            with boundary(part, "close"):
-                close()
-        except PartError as error:
-            self.logs.recorder.event(self._clock.now_s(), event, error)
+        with boundary(part, "close", lambda error: self.logs.recorder.event(self._clock.now_s(), event, error)):
+            close()
 
     def _note_slow_calls(self, ended: bool = False) -> None:
         if not self._clock.is_real:
@@ -269,7 +266,7 @@ class LiveRun:
             return
         # After a pause not one after the other.
         self._status_due_s = max(self._status_due_s + _STATUS_PERIOD_S, now_s)
-        command_rad, seen, plan = smoother.command.position_rad, self._target.newest, loop.plan
+        command_rad, seen, plan = smoother.command.position_rad, loop.seen, loop.plan
         self._emit(
             StatusMoment(
                 now_s,

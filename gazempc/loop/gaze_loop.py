@@ -29,6 +29,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, JointState, Sighting
+from predictors import HeadObservation
 
 # Two-joint necks are not redundant: no other joint could take over from one that does not follow.
 _PAN_AND_TILT = 2
@@ -74,6 +75,11 @@ class GazeLoop:
     def joints(self) -> JointEstimate | None:
         """The joints at the last tick, as estimated; None before the first one."""
         return None if self._observer is None else self._observer.estimate
+
+    @property
+    def seen(self) -> HeadObservation | None:
+        """The newest observation that was used; None before the first one."""
+        return self._target.newest
 
     @property
     def plan(self) -> Plan | None:

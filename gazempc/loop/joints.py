@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from functools import partial
 
 import numpy as np
 
-from gazempc.loop.boundary import PartError, boundary
+from gazempc.loop.boundary import boundary
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.servo import zero_order_hold
@@ -40,11 +41,8 @@ def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecor
     Returns:
         The reading; None if there is none, or none that can be used.
     """
-    try:
-        with boundary(robot, "read_state"):
-            return checked_reading(robot.read_state(), neck)
-    except PartError as error:
-        recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
+    with boundary(robot, "read_state", partial(recorder.event, time_s, Event.ROBOT_NOT_ANSWERING)):
+        return checked_reading(robot.read_state(), neck)
     return None
 
 

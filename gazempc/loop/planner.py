@@ -165,8 +165,8 @@ def _ask(controller: Controller, due_index: int, situate: Situate) -> list[Answe
         return []
     try:
         with boundary(controller, "plan"):
-            plan = controller.plan(situation)
-            return answer(checked_plan(plan, situation.joint_position_rad.size))
+            plan = checked_plan(controller.plan(situation), situation.joint_position_rad.size)
     except PartError as failed:
         event = failed.error.event if isinstance(failed.error, ControllerError) else Event.CONTROLLER_FAILED
         return answer(None, event, failed)
+    return answer(plan)

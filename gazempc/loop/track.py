@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -209,23 +210,22 @@ def forecast_of(
     Returns:
         The forecast; None if the predictor has none that can be used.
     """
-    try:
-        with boundary(predictor, "forecast"):
-            answered = ask(times_s)
-            try:
-                forecast = checked_forecast(answered, times_s.size)
-            except ValueError:
-                # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-                start.reset()
-                raise
-        within, left = start.within_reach(forecast)
-        if view is not None:
-            bounded_m = view.bounded(within.means_base_m)
-            if not np.allclose(bounded_m, within.means_base_m, rtol=0.0, atol=1e-6):
-                within, left = replace(within, means_base_m=bounded_m), True
-        if left:
-            recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
-        return within
-    except PartError as error:
-        recorder.event(time_s, Event.FORECAST_FAILED, error)
-    return None
+    forecast: Forecast | None = None
+    with boundary(predictor, "forecast", partial(recorder.event, time_s, Event.FORECAST_FAILED)):
+        answered = ask(times_s)
+        try:
+            forecast = checked_forecast(answered, times_s.size)
+        except ValueError:
+            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+            start.reset()
+            raise
+    if forecast is None:
+        return None
+    within, left = start.within_reach(forecast)
+    if view is not None:
+        bounded_m = view.bounded(within.means_base_m)
+        if not np.allclose(bounded_m, within.means_base_m, rtol=0.0, atol=1e-6):
+            within, left = replace(within, means_base_m=bounded_m), True
+    if left:
+        recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
+    return within
