@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
-from gazempc.loop.boundary import PartError, boundary, numbers
+from gazempc.loop.boundary import boundary, numbers
 from gazempc.loop.drive import Drive
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointObserver
@@ -35,7 +36,6 @@ class Sender:
     Attributes:
         sent: The last command that the robot may have executed, shape (N,), radians or rad/s.
         acknowledged_rad: Angles that the last acknowledged command leads to, shape (N,), radians.
-        gets_through: Whether the last command was acknowledged.
     """
 
     def __init__(self, neck: NeckSpec, robot: Robot, smoother: Smoother) -> None:
@@ -48,7 +48,6 @@ class Sender:
         self.sent: FloatArray = np.where(neck.speed_joints, 0.0, start_rad)
         self._low_rad, self._high_rad = neck.position_min_rad - _ROUNDED_RAD, neck.position_max_rad + _ROUNDED_RAD
         self.acknowledged_rad: FloatArray = start_rad
-        self.gets_through = True
         self._lost = 0
 
     def seen_by_controllers(self, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -88,19 +87,14 @@ class Sender:
         command = command_rad
         if self._takes_speeds:
             command = self._drive.outgoing(self._smoother.motions, observer.estimate.offset_rad)
-        try:
-            with boundary(self._robot, "send_command"):
-                self.sent = self._checked(self._robot.send_command(command.copy()))
-        except PartError as error:
-            recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
-            self.sent, self.gets_through = command, False
-            self._lost += 1
+        sent: FloatArray | None = None
+        with boundary(self._robot, "send_command", partial(recorder.event, time_s, Event.ROBOT_NOT_ANSWERING)):
+            sent = self._checked(self._robot.send_command(command.copy()))
+        if sent is None:
+            self.sent, self._lost = command, self._lost + 1
         else:
-            self.gets_through, self._lost = True, 0
-        sent_rad = self._note(got_through=True)
-        if self.gets_through:
-            self.acknowledged_rad = command_rad
-        return sent_rad
+            self.sent, self._lost, self.acknowledged_rad = sent, 0, command_rad
+        return self._note(got_through=True)
 
     def _checked(self, answered: object) -> FloatArray:
         sent = numbers("what send_command() returned", np.array(answered), (self._neck.joints,))
