@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 # A longer list would hide the message; its first and last name show the pattern.
 _NAMES_SHOWN = 30
@@ -54,6 +56,27 @@ class MissingOptionalDependencyError(GazempcError):
 
     def __init__(self, feature: str, package: str, extra: str) -> None:
         super().__init__(f"{feature} needs the package {package!r}: pip install {package} (extra {extra!r} of gazempc)")
+
+
+def import_optional(module: str, feature: str, package: str, extra: str) -> Any:
+    """Import a module of an extra, where it is needed.
+
+    Args:
+        module: Its name.
+        feature: What needs it.
+        package: The package that has it.
+        extra: The extra that has the package.
+
+    Returns:
+        The module.
+
+    Raises:
+        MissingOptionalDependencyError: If it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise MissingOptionalDependencyError(feature, package, extra) from None
 
 
 def shown(value: object, limit: int = 40) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from tyro.constructors import PrimitiveConstructorSpec
 
 from gazempc.neck.picture import Framing
@@ -23,6 +23,7 @@ from gazempc.parts import (
     check_function,
     check_gaze,
 )
+from gazempc.specfiles import Strict
 
 
 def on_command_line(kind: Kind, check: Callable[[str], str] | None = None) -> PrimitiveConstructorSpec[str]:
@@ -55,10 +56,8 @@ GAZES = ("reactive", "lookahead", "mpc", TRUE_FUTURE)
 DEFAULT_PREDICTOR = "walker"
 
 
-class Settings(BaseModel):
-    """Base of all settings: frozen, unknown fields and infinite numbers refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+class Settings(Strict):
+    """Base of all settings."""
 
 
 NoiseM = Annotated[float, Field(ge=1e-6, le=1e3, description="Measurement noise (s.d.) if none is stated")]

@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
 from gazempc.errors import SettingsError, shown, suggest
@@ -18,6 +18,12 @@ _ERRORS_SHOWN = 20
 _FIELD_SHOWN = 100
 
 Spec = TypeVar("Spec", bound=BaseModel)
+
+
+class Strict(BaseModel):
+    """Base of settings and of tables in files: frozen, unknown fields and infinite numbers refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 def shipped_names(folder: str) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from gazempc.loop.boundary import numbers
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import error_line
 from gazempc.results.log_files import load_log, read_arrays
-from gazempc.robots.robot import Robot, wrong_reading
+from gazempc.robots.robot import Robot, checked_reading
 from gazempc.types import FloatArray
 
 _T = TypeVar("_T")
@@ -134,9 +134,7 @@ def record(
             if late_s > excitation.period_s:
                 start_s += late_s
             try:
-                state = called(robot.read_state)
-                if wrong := wrong_reading(state, neck):
-                    raise RobotError(wrong)
+                state = checked_reading(called(robot.read_state), neck)
                 silent_since_s = clock.now_s()
                 if state is not None:
                     readings.append((state.time_s, state.position_rad))

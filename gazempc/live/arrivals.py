@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from gazempc.live.plausibility import Plausibility, Watch, out_of_place
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Arrived, Notice, check_range
 from gazempc.live.stamps import ClockOffset, Frame, Stamps
-from gazempc.loop.boundary import PartError, boundary
+from gazempc.loop.boundary import boundary
 from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
@@ -91,13 +92,10 @@ class Arrivals:
             Observations in the base frame, each made when it is asked for: no more of them than there is time for.
         """
         for source in self._sources:
-            try:
-                with boundary(source, "poll"):
-                    arrived = _checked(source.poll())
-            except PartError as error:
-                recorder.event(now_s, Event.SOURCE_FAILED, error)
-            else:
-                self._sort(arrived, now_s, recorder)
+            arrived = Arrived()
+            with boundary(source, "poll", partial(recorder.event, now_s, Event.SOURCE_FAILED)):
+                arrived = _checked(source.poll())
+            self._sort(arrived, now_s, recorder)
         shifted = () if self._offset.finding is None else (self._offset.finding,)
         for finding in (*shifted, *self._watch.findings(now_s)):
             self._warn(now_s, recorder, *finding)
@@ -135,21 +133,19 @@ class Arrivals:
                 continue
             if self.heads_seen is not None:
                 self.heads_seen((in_base,), now_s)
-            seen = in_base.observation
-            if why := self._refusal(seen):
+            head_m, whose = in_base.observation.head_position_base_m, in_base.observation.person_id
+            if whose is None and not self._one_person:
+                # The person is unknown before association, so speed cannot be judged.
+                why = out_of_place(head_m)
+            else:
+                why = self._plausibility.refusal(in_base.observation.capture_time_s, head_m, whose)
+            if why:
                 recorder.refused(Event.IMPLAUSIBLE_PERSON)
                 self._warn(now_s, recorder, Event.IMPLAUSIBLE_PERSON, why)
             else:
                 yield in_base
             if time.perf_counter() > until_s:
                 return
-
-    def _refusal(self, seen: HeadObservation) -> str:
-        """Why a head cannot be a person's; empty if it can be."""
-        if not self._one_person and seen.person_id is None:
-            # The person is unknown before association, so speed cannot be judged.
-            return out_of_place(seen.head_position_base_m)
-        return self._plausibility.refusal(seen.capture_time_s, seen.head_position_base_m, seen.person_id)
 
     def _problem(self, now_s: float, recorder: LoopRecorder, text: str) -> None:
         recorder.refused(Event.BAD_OBSERVATION)
@@ -182,12 +178,9 @@ class Arrivals:
         Returns:
             True once nothing more will come.
         """
-        try:
-            with boundary(self._source, "finished"):
-                return bool(self._source.finished) and not self._waiting
-        except PartError as error:
-            recorder.event(now_s, Event.SOURCE_FAILED, error)
-            return False
+        with boundary(self._source, "finished", partial(recorder.event, now_s, Event.SOURCE_FAILED)):
+            return bool(self._source.finished) and not self._waiting
+        return False
 
     def _in_base(self, sighting: Sighting) -> Sighting:
         seen = self._mount.in_sensor(sighting.observation)

@@ -8,13 +8,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from gazempc.live.arrivals import Arrivals
-from gazempc.loop.boundary import Slow, boundary, slow_call
+from gazempc.loop.boundary import boundary, slow_calls
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import AroundTarget, Target
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState, Sighting
-from predictors import Forecast
 
 # A command waits so long for a reading under way, as before; then the reading hangs, and the command is sent meanwhile.
 _PATIENCE_S = 0.012
@@ -52,10 +51,6 @@ class ArrivingTarget(AroundTarget):
             self._arrivals.note_joints(*self._joints.popleft())
         self._target.take_in(self._arrivals.take(time_s, recorder), time_s, recorder)
         self.finished = self._arrivals.finished(time_s, recorder)
-
-    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
-        """See `gazempc.loop.track.Target.forecast`."""
-        return self._target.forecast(times_s, time_s, recorder)
 
 
 class ReadAside:
@@ -106,9 +101,9 @@ class ReadAside:
         finally:
             self._wake.set()
 
-    def slow_call(self, ended: bool = False) -> Slow | None:
-        """A reading that takes long, see `gazempc.loop.boundary.slow_call`."""
-        return slow_call(self._thread.ident or 0, ended)
+    def slow_calls(self, ended: bool) -> list[TimeoutError | None]:
+        """A reading that takes long, see `gazempc.loop.boundary.slow_calls`."""
+        return slow_calls(self._thread.ident or 0, ended)
 
     def close(self) -> None:
         """Close the robot; waits for a reading under way for a moment only."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections import deque
-from typing import Protocol
 
 import numpy as np
 
@@ -28,7 +28,7 @@ _RECENT_MAX = 1000
 _AGAIN_AFTER_S = 0.1
 
 
-class Clock(Protocol):
+class Clock(ABC):
     """The clock of a loop.
 
     Attributes:
@@ -36,29 +36,31 @@ class Clock(Protocol):
     """
 
     is_real: bool
+    # Its zero on the computer's clocks; a simulated clock starts at 0 of both.
+    _start_s = _unix_start_s = 0.0
 
+    @abstractmethod
     def now_s(self) -> float:
         """Seconds since the clock was made."""
-        ...
 
+    @abstractmethod
     def sleep_until_s(self, time_s: float) -> None:
         """Return at a time on this clock, seconds; at once if it has passed."""
-        ...
 
     def from_unix_s(self, unix_s: float) -> float:
-        """Unix time on this clock, seconds; a simulated clock starts at Unix time 0."""
-        ...
+        """Unix time on this clock, seconds."""
+        return unix_s - self._unix_start_s
 
     def from_monotonic_s(self, monotonic_s: float) -> float:
-        """A time of `time.monotonic` on this clock, seconds; a simulated clock starts at 0 of it."""
-        ...
+        """A time of `time.monotonic` on this clock, seconds."""
+        return monotonic_s - self._start_s
 
     def unix_clock_stepped(self) -> bool:
         """Whether the computer's Unix clock was set since the last call; Unix times are then read by the new one."""
-        ...
+        return False
 
 
-class RealClock:
+class RealClock(Clock):
     """The computer's monotonic clock, and its offset to Unix time."""
 
     is_real = True
@@ -77,14 +79,6 @@ class RealClock:
             if left_s > _SPIN_S:
                 time.sleep(left_s - _SPIN_S)
 
-    def from_unix_s(self, unix_s: float) -> float:
-        """See `Clock.from_unix_s`."""
-        return unix_s - self._unix_start_s
-
-    def from_monotonic_s(self, monotonic_s: float) -> float:
-        """See `Clock.from_monotonic_s`."""
-        return monotonic_s - self._start_s
-
     def unix_clock_stepped(self) -> bool:
         """See `Clock.unix_clock_stepped`; true once after each step of more than 10 ms."""
         start_s = time.time() - self.now_s()
@@ -94,7 +88,7 @@ class RealClock:
         return stepped
 
 
-class SimulatedClock:
+class SimulatedClock(Clock):
     """A clock that jumps to the time that is waited for: a live run at full speed, repeatable."""
 
     is_real = False
@@ -109,18 +103,6 @@ class SimulatedClock:
     def sleep_until_s(self, time_s: float) -> None:
         """See `Clock.sleep_until_s`."""
         self._now_s = max(self._now_s, time_s)
-
-    def from_unix_s(self, unix_s: float) -> float:
-        """See `Clock.from_unix_s`."""
-        return unix_s
-
-    def from_monotonic_s(self, monotonic_s: float) -> float:
-        """See `Clock.from_monotonic_s`."""
-        return monotonic_s
-
-    def unix_clock_stepped(self) -> bool:
-        """See `Clock.unix_clock_stepped`: never."""
-        return False
 
 
 class Envelope:

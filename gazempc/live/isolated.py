@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from gazempc.live.process import second_to_the_run
+from gazempc.live.process import start_child
 from predictors import Forecast, HeadObservation, Predictor
 
 
@@ -24,12 +23,9 @@ class IsolatedPredictor:
     """
 
     def __init__(self, make: Callable[[], Predictor]) -> None:
-        context = multiprocessing.get_context("spawn")
         self.rejections_in_a_row = 0
-        self._line, theirs = context.Pipe()
         # It ends with this process, or when nothing is left at this end of the line.
-        context.Process(target=_serve, args=(theirs, make), name="predictor", daemon=True).start()
-        theirs.close()
+        _, self._line = start_child("predictor", _serve, make)
         self.reset()
 
     def _ask(self, method: str, *args: Any) -> Any:
@@ -54,7 +50,6 @@ class IsolatedPredictor:
 
 
 def _serve(line: Connection, make: Callable[[], Predictor]) -> None:
-    second_to_the_run()
     predictor = make()
     while True:
         try:

@@ -8,17 +8,18 @@ from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from gazempc.live.setup import LiveSetup
-from gazempc.loop.boundary import PartError, boundary
+from gazempc.loop.boundary import boundary
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.results.log import ComputeTimes, Fault, Log, merge_faults
 from gazempc.results.moments import CutMoment, JointsMoment, Moment
-from gazempc.robots.robot import wrong_reading
+from gazempc.robots.robot import checked_reading
 from gazempc.types import JointState
 
 _BIN_MS = 0.01
@@ -144,14 +145,9 @@ class LiveLogs:
         if self._true_state is None:
             return
         joints: JointState | None = None
-        try:
-            with boundary(self._setup.robot, "true_state"):
-                found = self._true_state()
-                if wrong := wrong_reading(found, self._setup.neck):
-                    raise ValueError(wrong.replace("read_state", "true_state"))
-                joints = found
-        except PartError as error:
-            self.recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
+        note = partial(self.recorder.event, time_s, Event.ROBOT_NOT_ANSWERING)
+        with boundary(self._setup.robot, "true_state", note):
+            joints = checked_reading(self._true_state(), self._setup.neck, "true_state")
         self._true_joints.append(joints)
         if self._listen is not None and joints is not None:
             self._listen(JointsMoment(joints))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import eye_in_base, head_in_base
 from gazempc.neck.spec import Geometry, NeckSpec
+from gazempc.settings import Settings
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
@@ -29,10 +30,8 @@ _AXES: dict[Axes, tuple[tuple[int, int, int], ...]] = {
 _MEMORY_S = 2.0
 
 
-class Mount(BaseModel):
+class Mount(Settings):
     """Pose of the sensor on the robot."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     on: Literal["base", "head", "eye"] = Field(
         default="base", description="Part that carries the sensor: the robot's base, its head, or its eyes"
@@ -56,18 +55,6 @@ class Mount(BaseModel):
         """Whether it moves with the joints."""
         return self.on != "base"
 
-    def check_fits(self, neck: NeckSpec) -> None:
-        """Refuse a sensor in the eye of a neck without eyes.
-
-        Args:
-            neck: The neck.
-
-        Raises:
-            SettingsError: If there are no eyes.
-        """
-        if self.on == "eye" and neck.eyes is None:
-            raise SettingsError(f"--mount.on eye: neck {neck.name!r} has no eyes that turn; accepted: base, head")
-
     @property
     def turn(self) -> Rotation:
         """From the sensor's frame to the one that it is fixed to."""
@@ -86,14 +73,12 @@ class Mount(BaseModel):
         if self.unit_m == 1.0 and self.axes == "flu":
             return observation
         to_flu = np.array(_AXES[self.axes], dtype=np.float64)
-        covariance = observation.position_covariance_m2
-        return replace(
-            observation,
-            head_position_base_m=self.unit_m * (to_flu @ observation.head_position_base_m),
-            head_quat_wxyz=_renamed(observation.head_quat_wxyz, to_flu),
-            pelvis_quat_wxyz=_renamed(observation.pelvis_quat_wxyz, to_flu),
-            position_covariance_m2=None if covariance is None else self.unit_m**2 * (to_flu @ covariance @ to_flu.T),
-        )
+
+        def renamed(quat: Rotation) -> Rotation:
+            # Between frames whose axes are renamed both; of left-handed ones, too.
+            return Rotation.from_matrix(to_flu @ quat.as_matrix() @ to_flu.T)
+
+        return _changed(observation, self.unit_m * to_flu, np.zeros(3), renamed)
 
     def to_base(
         self, observation: HeadObservation, geometry: Geometry, angles_rad: FloatArray | None
@@ -122,22 +107,7 @@ class Mount(BaseModel):
             carrier, origin_m = (eye_in_base if self.on == "eye" else head_in_base)(geometry, angles_rad)
             turn, shift_m = carrier * turn, origin_m + carrier.apply(shift_m)
 
-        def turned(quat_wxyz: FloatArray | None) -> FloatArray | None:
-            if quat_wxyz is None:
-                return None
-            return (turn * Rotation.from_quat(quat_wxyz, scalar_first=True)).as_quat(scalar_first=True)
-
-        covariance = observation.position_covariance_m2
-        if covariance is not None:
-            matrix = turn.as_matrix()
-            covariance = matrix @ covariance @ matrix.T
-        return replace(
-            observation,
-            head_position_base_m=shift_m + turn.apply(observation.head_position_base_m),
-            head_quat_wxyz=turned(observation.head_quat_wxyz),
-            pelvis_quat_wxyz=turned(observation.pelvis_quat_wxyz),
-            position_covariance_m2=covariance,
-        )
+        return moved(observation, turn, shift_m)
 
 
 # Cached, as each frame needs it; the value is never changed.
@@ -146,12 +116,36 @@ def _turn(roll_pitch_yaw_deg: tuple[float, float, float]) -> Rotation:
     return Rotation.from_euler("xyz", roll_pitch_yaw_deg, degrees=True)
 
 
-def _renamed(quat_wxyz: FloatArray | None, to_flu: FloatArray) -> FloatArray | None:
-    """A rotation between frames whose axes are renamed both; of left-handed ones, too."""
-    if quat_wxyz is None:
-        return None
-    matrix = to_flu @ Rotation.from_quat(quat_wxyz, scalar_first=True).as_matrix() @ to_flu.T
-    return Rotation.from_matrix(matrix).as_quat(scalar_first=True)
+def moved(observation: HeadObservation, turn: Rotation, shift_m: FloatArray) -> HeadObservation:
+    """An observation in another frame.
+
+    Args:
+        observation: The observation.
+        turn: From its frame to the other one.
+        shift_m: Origin of its frame in the other one, shape (3,), metres.
+
+    Returns:
+        The same in the other frame.
+    """
+    return _changed(observation, turn.as_matrix(), shift_m, lambda quat: turn * quat)
+
+
+def _changed(
+    seen: HeadObservation, matrix: FloatArray, shift_m: FloatArray, turned: Callable[[Rotation], Rotation]
+) -> HeadObservation:
+    """Positions by a matrix and a shift, orientations by a function."""
+    head, pelvis = (
+        None if quat is None else turned(Rotation.from_quat(quat, scalar_first=True)).as_quat(scalar_first=True)
+        for quat in (seen.head_quat_wxyz, seen.pelvis_quat_wxyz)
+    )
+    covariance_m2 = seen.position_covariance_m2
+    return replace(
+        seen,
+        head_position_base_m=shift_m + matrix @ seen.head_position_base_m,
+        head_quat_wxyz=head,
+        pelvis_quat_wxyz=pelvis,
+        position_covariance_m2=None if covariance_m2 is None else matrix @ covariance_m2 @ matrix.T,
+    )
 
 
 class JointHistory:

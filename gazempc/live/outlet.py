@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from types import TracebackType
 
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
@@ -111,9 +110,7 @@ class AttentionOutlet:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Report the end, and send what is left."""
         self.report(self._clock.now_s(), AttentionState(why="ended"))
         self._queue.put(None)

@@ -214,9 +214,7 @@ class Plausibility:
         Returns:
             A sentence; empty if it can be.
         """
-        if why := out_of_place(head_base_m):
-            return why
-        return self._too_fast(capture_s, head_base_m, person_id)
+        return out_of_place(head_base_m) or self._too_fast(capture_s, head_base_m, person_id)
 
     def _too_fast(self, capture_s: float, head_m: FloatArray, person_id: str | None) -> str:
         path = self._paths.pop(person_id, None) or deque()

@@ -12,10 +12,13 @@ import queue
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from types import FrameType
+from typing import Any
 
 # Another thread must not hold the interpreter for longer than a tick can wait.
 _SWITCH_S = 0.0005
@@ -125,8 +128,26 @@ def before_other_programs() -> None:
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_OTHER_THREADS))
 
 
-def second_to_the_run() -> None:
-    """For a process that a run has started: it yields to the run, outlives Ctrl-C, and ends when the run is gone."""
+def start_child(name: str, target: Callable[..., None], *given: Any) -> tuple[SpawnProcess, Connection]:
+    """Start a process that yields to the run, outlives Ctrl-C, and ends when the run is gone.
+
+    Args:
+        name: Its name.
+        target: What it does; called with its end of a pipe and what is given.
+        given: Arguments; they are pickled.
+
+    Returns:
+        The process, and the run's end of the pipe.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_second_to_the_run, args=(target, theirs, *given), name=name, daemon=True)
+    process.start()
+    theirs.close()
+    return process, ours
+
+
+def _second_to_the_run(target: Callable[..., None], *given: Any) -> None:
     # Ctrl-C is for the parent, which brakes the neck before it ends this.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "sched_setscheduler"):
@@ -135,6 +156,7 @@ def second_to_the_run() -> None:
     if hasattr(os, "nice"):
         os.nice(_NICE)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    target(*given)
 
 
 def _end_with_parent() -> None:

@@ -14,7 +14,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
 from gazempc.parts import ADDRESSED, ROBOT, Kind, error_line, find, is_own, split_address
 from gazempc.robots.options import RobotOptions
-from gazempc.robots.robot import Robot, way_in_rad, wrong_reading
+from gazempc.robots.robot import Robot, checked_reading, way_in_rad
 from gazempc.types import FloatArray, JointState
 
 
@@ -103,15 +103,12 @@ def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threadi
     problem = "there is no reading"
     while not stop.is_set():
         try:
-            state = robot.read_state()
-            wrong = _wrong(state, neck, clock.now_s())
-            if state is not None and not wrong:
+            state = checked_reading(robot.read_state(), neck)
+            if state is not None:
+                _check_first(state, clock.now_s())
                 return state.position_rad
-            problem = wrong or problem
-        except RobotError as error:
-            problem = str(error)
         except Exception as error:
-            problem = error_line(error)
+            problem = str(error) if isinstance(error, RobotError) else error_line(error)
         if clock.now_s() >= until_s:
             raise RobotError(
                 f"the joints cannot be read ({problem}), and a first command elsewhere would be a step: check the "
@@ -141,19 +138,15 @@ def go_in(robot: Robot, neck: NeckSpec, clock: Clock, start_rad: FloatArray, sto
         robot.send_command(np.where(neck.speed_joints, 0.0, command_rad))
 
 
-def _wrong(state: JointState | None, neck: NeckSpec, now_s: float) -> str:
-    """What is wrong with a reading; empty if nothing is."""
-    wrong = wrong_reading(state, neck)
-    if wrong or state is None:
-        return wrong
+def _check_first(state: JointState, now_s: float) -> None:
+    """Refuse a reading without angles, or of another clock."""
     if not np.all(np.isfinite(state.position_rad)):
-        return f"read_state() returned position_rad {state.position_rad}, needed are finite angles in radians"
+        raise RobotError(f"read_state() returned position_rad {state.position_rad}, needed are finite radians")
     if abs(state.time_s - now_s) > _OTHER_CLOCK_S:
-        return (
+        raise RobotError(
             f"read_state() returned time_s {state.time_s:.1f}, but the loop's clock is at {now_s:.1f}: "
             "stamp readings with the clock_s that the robot's constructor is given"
         )
-    return ""
 
 
 class MonotonicRobot:

@@ -16,7 +16,7 @@ from gazempc.live.process import real_time_priority
 from gazempc.live.robots import first_position_rad, go_in
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Source, SourceError
-from gazempc.loop.boundary import PartError, boundary, slow_call
+from gazempc.loop.boundary import PartError, boundary, slow_calls
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.looking_away import LookingAway
@@ -168,7 +168,7 @@ class LiveRun:
     def _serve(self, loop: GazeLoop, smoother: Smoother, stop: threading.Event, duration_s: float | None) -> None:
         start_s, rate_hz = self._clock.now_s(), self._neck.servo_rate_hz
         self._status_due_s = start_s
-        slow_call(threading.get_ident())  # of an earlier run
+        slow_calls(threading.get_ident())  # of an earlier run
         index, stopping_at = 0, None
         failure: BaseException | None = None
         stopping_s = max(_STOPPING_S, 2.0 * _ramp_s(self._neck))
@@ -233,21 +233,17 @@ class LiveRun:
 
     def _close(self, part: Robot | Source, close: Callable[[], None], event: Event) -> None:
         # It must not raise; an exception all the same must not hide how the run ended.
-        try:
-            with boundary(part, "close"):
-                close()
-        except PartError as error:
-            self.logs.recorder.event(self._clock.now_s(), event, error)
+        with boundary(part, "close", lambda error: self.logs.recorder.event(self._clock.now_s(), event, error)):
+            close()
 
     def _note_slow_calls(self, ended: bool = False) -> None:
         if not self._clock.is_real:
             return
-        calls = [slow_call(threading.get_ident()), self._planner.slow_call(ended)]
+        calls = slow_calls(threading.get_ident()) + self._planner.slow_calls(ended)
         if isinstance(self._robot, ReadAside):
-            calls.append(self._robot.slow_call(ended))
-        for slow in calls:
-            if slow is not None:
-                self.logs.recorder.event(self._clock.now_s(), Event.PART_SLOW, slow.error)
+            calls += self._robot.slow_calls(ended)
+        for error in calls:
+            self.logs.recorder.event(self._clock.now_s(), Event.PART_SLOW, error)
         if ended and self._loop is not None:
             self._loop.hand_on()
 

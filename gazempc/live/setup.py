@@ -196,8 +196,6 @@ def setup_of_gaze(
         checked = LiveGazeSettings.model_validate(settings)
     except ValidationError as error:
         raise SettingsError(explain(error, "Gaze", LiveGazeSettings)) from None
-    if predictor == "perfect":
-        raise SettingsError("perfect: the true future of a live run is unknown")
     chosen = ((PREDICTOR, predictor), (CONTROLLER, controller), (ROBOT, robot))
     check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], checked.options.own)
     spec = _narrowed(neck if isinstance(neck, NeckSpec) else load_neck(neck), checked)
@@ -227,7 +225,8 @@ def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
             f"{np.rad2deg(moved.rest_rad).round(1).tolist()} deg ({', '.join(neck.joint_names)}), to which the region "
             f"allows no command (nearest: {np.rad2deg(narrow.rest_rad).round(1).tolist()}); accepted: one that does"
         )
-    settings.mount.check_fits(narrow)
+    if settings.mount.on == "eye" and neck.eyes is None:
+        raise SettingsError(f"--mount.on eye: neck {neck.name!r} has no eyes that turn; accepted: base, head")
     return narrow
 
 

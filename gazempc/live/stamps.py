@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gazempc.live.clock import Clock, Envelope
 from gazempc.loop.events import Event
+from gazempc.settings import Settings
 from gazempc.types import FloatArray
 
 StampClock = Literal["unix", "monotonic", "other", "arrival"]
@@ -19,10 +20,8 @@ StampUnit = Literal["s", "ms", "us", "ns"]
 PER_SECOND: dict[StampUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
-class Stamps(BaseModel):
+class Stamps(Settings):
     """What a tracker's capture times are."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     clock: StampClock = Field(
         default="unix",
@@ -291,7 +290,7 @@ class ClockOffset:
     def __init__(self, latency_s: float, hints: SetupHints) -> None:
         self.age_s = 0.0
         self.finding: Finding | None = None
-        self._latency_s, self._hints = latency_s, hints
+        self._hints = hints
         self._envelope = Envelope()
         self._resets = 0
         self._usual_s: float | None = None

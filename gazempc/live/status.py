@@ -6,7 +6,6 @@ import queue
 import sys
 import threading
 from collections import Counter, deque
-from types import TracebackType
 from typing import NamedTuple, TextIO
 
 import numpy as np
@@ -74,9 +73,7 @@ class StatusLine:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Print the rest; a pipe without a reader does not keep the run from ending."""
         self._queue.put(None)
         self._thread.join(self._wait_s)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 
-from gazempc.loop.boundary import PartError, boundary
+from gazempc.loop.boundary import boundary
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import RECORDED_HORIZONS_S, forecast_of, why_not_usable
@@ -94,11 +95,8 @@ class AttendedPeople:
             else:
                 recorder.refuse(event, time_s)
         for frame in frames_of(usable):
-            try:
-                with boundary(self.predictor, "update"):
-                    self._take_frame(frame, time_s, recorder)
-            except PartError as error:
-                recorder.refuse(Event.FORECAST_FAILED, time_s, error)
+            with boundary(self.predictor, "update", partial(recorder.refuse, Event.FORECAST_FAILED, time_s)):
+                self._take_frame(frame, time_s, recorder)
         if usable or time_s - self._decided_s >= _DECIDED_EVERY_S:
             self._decided_s = time_s
             self._decide(time_s, recorder)
@@ -118,11 +116,13 @@ class AttendedPeople:
         return middle_of([found, *(each for each in theirs if each is not None)])
 
     def _take_frame(self, frame: tuple[Sighting, ...], time_s: float, recorder: LoopRecorder) -> None:
-        frame = tuple(sighting for sighting in frame if not self._is_frozen(sighting, recorder))
+        fresh = [sighting for sighting in frame if not self._frozen.repeats(sighting)]
+        if len(fresh) < len(frame):
+            recorder.refused(Event.TRACKER_FROZEN, len(frame) - len(fresh))
         started = time.perf_counter()
-        found = self.people.see([sighting.observation for sighting in frame])
+        found = self.people.see([sighting.observation for sighting in fresh])
         update_ms = 1e3 * (time.perf_counter() - started)
-        for sighting, (number, became) in zip(frame, found, strict=True):
+        for sighting, (number, became) in zip(fresh, found, strict=True):
             if became in _EVENTS:
                 recorder.event(time_s, _EVENTS[became])
             if became in _REFUSED:
@@ -138,12 +138,6 @@ class AttendedPeople:
                 self._take_attended(track, sighting.observation, update_ms, time_s, recorder)
             else:
                 recorder.refused(Event.ANOTHER_PERSON)
-
-    def _is_frozen(self, sighting: Sighting, recorder: LoopRecorder) -> bool:
-        if not self._frozen.repeats(sighting):
-            return False
-        recorder.refused(Event.TRACKER_FROZEN)
-        return True
 
     def _guarded(self, track: TrackedPerson, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> bool:
         """Judge a sighting of a person by those before; gives whether the tracker stands frozen."""
@@ -166,21 +160,15 @@ class AttendedPeople:
 
     def _decide(self, time_s: float, recorder: LoopRecorder) -> None:
         before = self.attention.attended
-        try:
-            with boundary(self.attention.policy, "scores"):
-                self.attention.update(self.people.present(time_s), time_s)
-        except PartError as error:
-            recorder.event(time_s, Event.POLICY_FAILED, error)
+        with boundary(self.attention.policy, "scores", partial(recorder.event, time_s, Event.POLICY_FAILED)):
+            self.attention.update(self.people.present(time_s), time_s)
         now = self.attention.attended
         if now is not before:
             self._switched(now, time_s, recorder)
         soon = None if self.attention.candidate is None else self.people.track(self.attention.candidate)
         if soon is not None:
-            try:
-                with boundary(self.predictor, "update"):
-                    soon.catch_up(CATCH_UP)
-            except PartError as error:
-                recorder.event(time_s, Event.FORECAST_FAILED, error)
+            with boundary(self.predictor, "update", partial(recorder.event, time_s, Event.FORECAST_FAILED)):
+                soon.catch_up(CATCH_UP)
 
     def _switched(self, now: Attended, time_s: float, recorder: LoopRecorder) -> None:
         recorder.attended(time_s, now.number or 0, now.why)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -56,67 +55,65 @@ def class_of(part: object) -> str:
     return type(inner).__name__ if inner is part else class_of(inner)
 
 
-@contextmanager
-def boundary(part: object, method: str) -> Iterator[None]:
+class boundary:  # noqa: N801  (as `contextlib.suppress`)
     """Call a part, and check what it returned, inside this context.
 
     Args:
         part: The part.
         method: The method that is called.
+        note: Takes the fault; the program goes on after the context. None: it is raised.
 
     Raises:
         PartError: In place of any other exception, also of `SystemExit`; but not of an interrupt in the main thread,
             the only one that receives Ctrl-C.
     """
-    thread, call = threading.get_ident(), Call(f"{class_of(part)}.{method}()", time.perf_counter())
-    outer = _under_way.get(thread)
-    _under_way[thread] = call
-    try:
-        yield
-    except PartError:
-        raise
-    except BaseException as error:
-        if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
-            raise
-        raise PartError(call.name, error) from error
-    finally:
-        took_s = time.perf_counter() - call.began_s
+
+    def __init__(self, part: object, method: str, note: Callable[[PartError], object] | None = None) -> None:
+        self._thread, self._note = threading.get_ident(), note
+        self._call = Call(f"{class_of(part)}.{method}()", time.perf_counter())
+
+    def __enter__(self) -> None:
+        """The call begins."""
+        self._outer = _under_way.get(self._thread)
+        _under_way[self._thread] = self._call
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
+        """The call has ended."""
+        took_s = time.perf_counter() - self._call.began_s
         if took_s > SLOW_S:
-            _slow[thread] = f"{call.name} took {took_s:.3f} s"
-        if outer is None:
-            del _under_way[thread]
+            _slow[self._thread] = f"{self._call.name} took {took_s:.3f} s"
+        if self._outer is None:
+            del _under_way[self._thread]
         else:
-            _under_way[thread] = outer
+            _under_way[self._thread] = self._outer
+        if error is None or (
+            isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread()
+        ):
+            return False
+        fault = error if isinstance(error, PartError) else PartError(self._call.name, error)
+        if self._note is None:
+            raise fault from fault.error
+        self._note(fault)
+        return True
 
 
-class Slow(NamedTuple):
-    """A call of a part that takes long: its name and time in a text; empty while it is under way."""
-
-    text: str
-
-    @property
-    def error(self) -> TimeoutError | None:
-        """What to record; None while it is under way."""
-        return TimeoutError(self.text) if self.text else None
-
-
-def slow_call(thread: int, ended: bool = False) -> Slow | None:
-    """A call of a part in a thread that takes long.
+def slow_calls(thread: int, ended: bool = False) -> list[TimeoutError | None]:
+    """Calls of parts in a thread that take long.
 
     Args:
         thread: Its identifier.
         ended: Whether the run has ended: a call that has not returned is then named, too.
 
     Returns:
-        The call; None if there is none.
+        What to record of each, with its name and time; None for a call under way.
     """
     call, finished = _under_way.get(thread), _slow.pop(thread, "")
-    if finished or call is None:
-        return Slow(finished) if finished else None
-    since_s = time.perf_counter() - call.began_s
-    if since_s <= SLOW_S:
-        return None
-    return Slow(f"{call.name} has not returned for {since_s:.3f} s" if ended else "")
+    if finished:
+        return [TimeoutError(finished)]
+    since_s = 0.0 if call is None else time.perf_counter() - call.began_s
+    if call is None or since_s <= SLOW_S:
+        return []
+    return [TimeoutError(f"{call.name} has not returned for {since_s:.3f} s") if ended else None]
 
 
 def numbers(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:

@@ -75,8 +75,7 @@ def make_predictor(
         raise SettingsError("predictor perfect: the true future is unknown in a live run")
     given: dict[str, Any] = {"true_position_base_m": future, "person": person.name}
     if is_own(choice):
-        own: Predictor = make(PREDICTOR, choice, given, options_for(PREDICTOR, choice, options))
-        return check_predictor(own)
+        return check_predictor(make(PREDICTOR, choice, given, options_for(PREDICTOR, choice, options)))
     if choice == "walker":
         model, threshold = walker_model(settings.walker.fitted, person.name), settings.walker.threshold
         if threshold is not None:
@@ -115,8 +114,9 @@ def make_controller(
         choice.reset()
         return choice
     if is_own(choice):
-        own: Controller = make(CONTROLLER, choice, {"neck": neck}, options_for(CONTROLLER, choice, options))
-        return check_controller(own, neck)
+        return check_controller(
+            make(CONTROLLER, choice, {"neck": neck}, options_for(CONTROLLER, choice, options)), neck
+        )
     values = getattr(settings, choice).model_dump() if hasattr(settings, choice) else {}
     for kind in ("terms", "rows"):
         if kind in values:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from functools import partial
 
 import numpy as np
 
-from gazempc.loop.boundary import PartError, boundary
+from gazempc.loop.boundary import boundary
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
-from gazempc.robots.robot import Robot, wrong_reading
-from gazempc.types import FloatArray, JointState
+from gazempc.robots.robot import Robot, checked_reading
+from gazempc.types import BoolArray, FloatArray, JointState
 
 # The motion in this time is compared with the one that the commands should have caused.
 _WINDOW_S = 0.6
@@ -24,8 +25,6 @@ _EXPECTED_RAD = math.radians(2.0)
 _SHARE = 0.2
 # With readings missing for a larger share of the window, measured and expected motion are of different times.
 _UNREAD_SHARE = 0.2
-# Upper bound of the times in a log.
-_ANY_TIME_S = 1e10
 
 
 def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecorder) -> JointState | None:
@@ -42,20 +41,8 @@ def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecor
     Returns:
         The reading; None if there is none, or none that can be used.
     """
-    try:
-        with boundary(robot, "read_state"):
-            state = robot.read_state()
-            if state is None:
-                return None
-            if wrong := wrong_reading(state, neck):
-                raise ValueError(wrong)
-            # Copies, as a driver may use its buffers again.
-            angles_rad, speeds_rad_s = (np.array(v, np.float64) for v in (state.position_rad, state.velocity_rad_s))
-            if abs(time_read_s := float(state.time_s)) > _ANY_TIME_S:
-                raise ValueError(f"read_state() returned time_s {time_read_s}")
-            return JointState(time_read_s, angles_rad, speeds_rad_s)
-    except PartError as error:
-        recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
+    with boundary(robot, "read_state", partial(recorder.event, time_s, Event.ROBOT_NOT_ANSWERING)):
+        return checked_reading(robot.read_state(), neck)
     return None
 
 
@@ -82,6 +69,7 @@ class FollowingWatch:
         self._expected: deque[list[float]] = deque(maxlen=self._ticks)
         self._measured: deque[FloatArray] = deque(maxlen=self._ticks)
         self._unread_ticks = 0
+        self._stands: BoolArray = np.zeros(neck.joints, dtype=np.bool_)
         #: Joints that do not follow, by their place in `NeckSpec.joint_names`, ascending.
         self.held: tuple[int, ...] = ()
 
@@ -114,12 +102,6 @@ class FollowingWatch:
         ):
             return
         expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
-        held = []
-        for joint in range(len(expected_rad)):
-            if joint in self.held:
-                stands = moved_rad[joint] < _EXPECTED_RAD
-            else:
-                stands = expected_rad[joint] > _EXPECTED_RAD and moved_rad[joint] < _SHARE * expected_rad[joint]
-            if stands:
-                held.append(joint)
-        self.held = tuple(held)
+        stops = (expected_rad > _EXPECTED_RAD) & (moved_rad < _SHARE * expected_rad)
+        self._stands = np.where(self._stands, moved_rad < _EXPECTED_RAD, stops)
+        self.held = tuple(np.flatnonzero(self._stands).tolist())

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gazempc.controllers.controller import Controller, ControllerError, Plan, Situation
-from gazempc.loop.boundary import PartError, Slow, boundary, checked_plan, slow_call
+from gazempc.loop.boundary import PartError, boundary, checked_plan, slow_calls
 from gazempc.loop.events import Event
 
 # Makes the situation for which to plan, which needs a forecast; None without one.
@@ -72,9 +72,9 @@ class ImmediatePlanner:
         answered, self._answered = self._answered, []
         return answered
 
-    def slow_call(self, ended: bool = False) -> Slow | None:
-        """A call of a part that takes long, see `gazempc.loop.boundary.slow_call`; here computing takes no time."""
-        return None
+    def slow_calls(self, ended: bool) -> list[TimeoutError | None]:
+        """Calls of parts that take long, see `gazempc.loop.boundary.slow_calls`; here computing takes no time."""
+        return []
 
     def close(self) -> None:
         """End it; never raises."""
@@ -128,9 +128,9 @@ class BackgroundPlanner:
             self._busy = False
         return found
 
-    def slow_call(self, ended: bool = False) -> Slow | None:
-        """See `ImmediatePlanner.slow_call`."""
-        return slow_call(self._thread.ident or 0, ended)
+    def slow_calls(self, ended: bool) -> list[TimeoutError | None]:
+        """See `ImmediatePlanner.slow_calls`."""
+        return slow_calls(self._thread.ident or 0, ended)
 
     def close(self) -> None:
         """See `ImmediatePlanner.close`; waits for a call under way for a moment only."""
@@ -165,8 +165,8 @@ def _ask(controller: Controller, due_index: int, situate: Situate) -> list[Answe
         return []
     try:
         with boundary(controller, "plan"):
-            plan = controller.plan(situation)
-            return answer(checked_plan(plan, situation.joint_position_rad.size))
+            plan = checked_plan(controller.plan(situation), situation.joint_position_rad.size)
     except PartError as failed:
         event = failed.error.event if isinstance(failed.error, ControllerError) else Event.CONTROLLER_FAILED
         return answer(None, event, failed)
+    return answer(plan)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import AroundTarget, Target
+from gazempc.neck.kinematics import angle_between_rad
 from gazempc.people.aversion import PEAK_VELOCITY, minimum_jerk
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast
@@ -45,8 +46,8 @@ class Place:
         eye_base_m: FloatArray,
         from_direction: FloatArray,
         start_s: float,
-        min_duration_s: float = 0.0,
-        max_velocity_rad_s: float = np.inf,
+        min_duration_s: float,
+        max_velocity_rad_s: float,
     ) -> Place:
         """A place with a path that lasts at least so long and turns at most so fast.
 
@@ -59,8 +60,7 @@ class Place:
             max_velocity_rad_s: Highest angular speed of the gaze, rad/s.
         """
         to = target_base_m - eye_base_m
-        angle_rad = np.arctan2(np.linalg.norm(np.cross(from_direction, to)), from_direction @ to)
-        by_speed_s = PEAK_VELOCITY * float(angle_rad) / (_SPEED_SHARE * max_velocity_rad_s)
+        by_speed_s = PEAK_VELOCITY * float(angle_between_rad(from_direction, to)) / (_SPEED_SHARE * max_velocity_rad_s)
         return cls(target_base_m, eye_base_m, from_direction, start_s, max(min_duration_s, by_speed_s))
 
     def at(self, times_s: FloatArray) -> FloatArray:
@@ -73,8 +73,7 @@ class Place:
         if not axis.any():
             # Straight behind: about the vertical.
             axis = np.array([0.0, 0.0, 1.0])
-        angle_rad = np.arctan2(np.linalg.norm(axis), self.from_direction @ to)
-        left_rad = (share - 1.0) * angle_rad
+        left_rad = (share - 1.0) * angle_between_rad(self.from_direction, to)
         turns = Rotation.from_rotvec(left_rad[:, None] * (axis / np.linalg.norm(axis)))
         return np.asarray(self.eye_base_m + turns.apply(to), dtype=np.float64)
 

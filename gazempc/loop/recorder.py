@@ -109,15 +109,10 @@ class LoopRecorder:
             used: Whether the predictor used it.
         """
         self.used += used
-        stated = (
-            _NO_FORECAST
-            if forecast is None
-            else (
-                forecast.means_base_m,
-                np.clip(forecast.covariances_m2, -_MOST_M2, _MOST_M2),
-                forecast.degrees_of_freedom,
-            )
-        )
+        stated = _NO_FORECAST
+        if forecast is not None:
+            covariances_m2 = np.clip(forecast.covariances_m2, -_MOST_M2, _MOST_M2)
+            stated = forecast.means_base_m, covariances_m2, forecast.degrees_of_freedom
         self._seen.append((time_s, observation, *stated))
         self._update_ms.append(update_ms)
         if self._watch is not None:

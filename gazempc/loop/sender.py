@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
-from gazempc.loop.boundary import PartError, boundary, numbers
+from gazempc.loop.boundary import boundary, numbers
 from gazempc.loop.drive import Drive
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointObserver
@@ -35,7 +36,6 @@ class Sender:
     Attributes:
         sent: The last command that the robot may have executed, shape (N,), radians or rad/s.
         acknowledged_rad: Angles that the last acknowledged command leads to, shape (N,), radians.
-        gets_through: Whether the last command was acknowledged.
     """
 
     def __init__(self, neck: NeckSpec, robot: Robot, smoother: Smoother) -> None:
@@ -45,11 +45,9 @@ class Sender:
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
         # Angles that the commands sent lead to, one row a servo period, oldest first.
         self._sent_rad: FloatArray = np.tile(start_rad, (history, 1))
-        self.sent: FloatArray = np.array(
-            [0.0 if axis.takes_speed else at for axis, at in zip(neck.axes, start_rad, strict=True)]
-        )
+        self.sent: FloatArray = np.where(neck.speed_joints, 0.0, start_rad)
+        self._low_rad, self._high_rad = neck.position_min_rad - _ROUNDED_RAD, neck.position_max_rad + _ROUNDED_RAD
         self.acknowledged_rad: FloatArray = start_rad
-        self.gets_through = True
         self._lost = 0
 
     def seen_by_controllers(self, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -89,29 +87,20 @@ class Sender:
         command = command_rad
         if self._takes_speeds:
             command = self._drive.outgoing(self._smoother.motions, observer.estimate.offset_rad)
-        try:
-            with boundary(self._robot, "send_command"):
-                self.sent = self._checked(self._robot.send_command(command.copy()))
-        except PartError as error:
-            recorder.event(time_s, Event.ROBOT_NOT_ANSWERING, error)
-            self.sent, self.gets_through = command, False
-            self._lost += 1
+        sent: FloatArray | None = None
+        with boundary(self._robot, "send_command", partial(recorder.event, time_s, Event.ROBOT_NOT_ANSWERING)):
+            sent = self._checked(self._robot.send_command(command.copy()))
+        if sent is None:
+            self.sent, self._lost = command, self._lost + 1
         else:
-            self.gets_through, self._lost = True, 0
-        sent_rad = self._note(got_through=True)
-        if self.gets_through:
-            self.acknowledged_rad = command_rad
-        return sent_rad
+            self.sent, self._lost, self.acknowledged_rad = sent, 0, command_rad
+        return self._note(got_through=True)
 
     def _checked(self, answered: object) -> FloatArray:
-        joints = self._neck.joints
-        sent = numbers("what send_command() returned", np.array(answered), (joints,))
-        low, high = self._neck.position_min_rad - _ROUNDED_RAD, self._neck.position_max_rad + _ROUNDED_RAD
+        sent = numbers("what send_command() returned", np.array(answered), (self._neck.joints,))
         # Written so that a NaN is outside.
-        if not all(
-            (least <= each <= most) or (axis.takes_speed and math.isfinite(each))
-            for axis, each, least, most in zip(self._neck.axes, sent.tolist(), low.tolist(), high.tolist(), strict=True)
-        ):
+        within = (self._low_rad <= sent) & (sent <= self._high_rad)
+        if not (within | self._neck.speed_joints & np.isfinite(sent)).all():
             raise ValueError(
                 f"send_command() returned {sent}, needed are angles within the range of each joint, radians"
             )

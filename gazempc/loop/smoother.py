@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -29,7 +30,7 @@ _CHASE_SHARE = 0.95
 class _AxisSmoother:
     """One joint. Ruckig is asked for one axis at a time so that a slow axis does not hold back the other."""
 
-    def __init__(self, limits: tuple[float, float, float, float, float], period_s: float) -> None:
+    def __init__(self, limits: Sequence[float], period_s: float) -> None:
         self._low, self._high, self._v_max, self._a_max, self._j_max = limits
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1, period_s)
@@ -150,11 +151,8 @@ class _AxisSmoother:
 
     def _aim_at_rest(self, motion: AxisMotion) -> None:
         request = self._to_rest
-        request.current_position, request.current_velocity, request.current_acceleration = (
-            [motion[0]],
-            [motion[1]],
-            [motion[2]],
-        )
+        request.current_position, request.current_velocity = [motion[0]], [motion[1]]
+        request.current_acceleration = [motion[2]]
 
     def _can_stop_inside(self, motion: AxisMotion) -> bool:
         # If every command can still be brought to rest inside the position limits, no later one can be
@@ -213,19 +211,8 @@ class Smoother:
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
         limits = neck.command_limits
-        self._axes = [
-            _AxisSmoother(
-                (
-                    float(limits.position_min_rad[i]),
-                    float(limits.position_max_rad[i]),
-                    float(limits.velocity_max_rad_s[i]),
-                    float(limits.acceleration_max_rad_s2[i]),
-                    float(limits.jerk_max_rad_s3[i]),
-                ),
-                neck.servo_period_s,
-            )
-            for i in range(neck.joints)
-        ]
+        by_joint = np.transpose([limits.position_min_rad, limits.position_max_rad, *limits.derivatives]).tolist()
+        self._axes = [_AxisSmoother(each, neck.servo_period_s) for each in by_joint]
         start = limits.clip_position(np.asarray(position_rad, dtype=np.float64))
         self.motions: tuple[AxisMotion, ...] = tuple([(each_rad, 0.0, 0.0) for each_rad in start.tolist()])
         self.intervention: Intervention = ""

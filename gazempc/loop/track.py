@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -84,6 +85,10 @@ class AroundTarget:
     def newest_capture_s(self) -> float | None:
         """See `gazempc.loop.track.Target`."""
         return self._target.newest_capture_s
+
+    def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
+        """See `gazempc.loop.track.Target.forecast`."""
+        return self._target.forecast(times_s, time_s, recorder)
 
 
 class PersonTrack:
@@ -205,23 +210,22 @@ def forecast_of(
     Returns:
         The forecast; None if the predictor has none that can be used.
     """
-    try:
-        with boundary(predictor, "forecast"):
-            answered = ask(times_s)
-            try:
-                forecast = checked_forecast(answered, times_s.size)
-            except ValueError:
-                # A filter that holds a NaN holds it for ever: the next observation starts a new track.
-                start.reset()
-                raise
-        within, left = start.within_reach(forecast)
-        if view is not None:
-            bounded_m = view.bounded(within.means_base_m)
-            if not np.allclose(bounded_m, within.means_base_m, rtol=0.0, atol=1e-6):
-                within, left = replace(within, means_base_m=bounded_m), True
-        if left:
-            recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
-        return within
-    except PartError as error:
-        recorder.event(time_s, Event.FORECAST_FAILED, error)
-    return None
+    forecast: Forecast | None = None
+    with boundary(predictor, "forecast", partial(recorder.event, time_s, Event.FORECAST_FAILED)):
+        answered = ask(times_s)
+        try:
+            forecast = checked_forecast(answered, times_s.size)
+        except ValueError:
+            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+            start.reset()
+            raise
+    if forecast is None:
+        return None
+    within, left = start.within_reach(forecast)
+    if view is not None:
+        bounded_m = view.bounded(within.means_base_m)
+        if not np.allclose(bounded_m, within.means_base_m, rtol=0.0, atol=1e-6):
+            within, left = replace(within, means_base_m=bounded_m), True
+    if left:
+        recorder.event(time_s, Event.FORECAST_OUT_OF_REACH)
+    return within

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -37,15 +39,12 @@ def check_predictor(predictor: Predictor) -> Predictor:
     """
     check_members(PREDICTOR, predictor)
     times_s = 1.0 + np.array([0.0, 0.25, 1.0])
-    with _tried(PREDICTOR, predictor, "reset"):
-        predictor.reset()
-    with _tried(PREDICTOR, predictor, "update"):
-        for observation in _walk():
-            predictor.update(observation)
-    with _tried(PREDICTOR, predictor, "forecast"):
-        checked_forecast(predictor.forecast(times_s), times_s.size)
-    with _tried(PREDICTOR, predictor, "reset"):
-        predictor.reset()
+    tried = partial(_tried, PREDICTOR, predictor)
+    tried("reset")
+    for observation in _walk():
+        tried("update", observation)
+    tried("forecast", times_s, check=lambda forecast: checked_forecast(forecast, times_s.size))
+    tried("reset")
     return predictor
 
 
@@ -63,14 +62,11 @@ def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
         SettingsError: If a method is missing or raises, or a plan is malformed; the message names the method.
     """
     check_members(CONTROLLER, controller)
-    with _tried(CONTROLLER, controller, "reset"):
-        controller.reset()
-    with _tried(CONTROLLER, controller, "forecast_times_s"):
-        times_s = checked_times(controller.forecast_times_s(1.0, 0.9), 1.0)
-    with _tried(CONTROLLER, controller, "plan"):
-        checked_plan(controller.plan(_situation(neck, times_s)), neck.joints)
-    with _tried(CONTROLLER, controller, "reset"):
-        controller.reset()
+    tried = partial(_tried, CONTROLLER, controller)
+    tried("reset")
+    times_s = tried("forecast_times_s", 1.0, 0.9, check=lambda wanted_s: checked_times(wanted_s, 1.0))
+    tried("plan", _situation(neck, times_s), check=lambda plan: checked_plan(plan, neck.joints))
+    tried("reset")
     return controller
 
 
@@ -126,11 +122,11 @@ def _known_to_controllers(neck: NeckSpec) -> dict[str, object]:
     return values
 
 
-@contextlib.contextmanager
-def _tried(kind: Kind, part: object, method: str) -> Iterator[None]:
+def _tried(kind: Kind, part: object, method: str, *given: object, check: Callable[[Any], Any] = lambda _: None) -> Any:
+    """Call a method of a part; returns its answer as checked."""
     try:
         with boundary(part, method):
-            yield
+            return check(getattr(part, method)(*given))
     except PartError as error:
         raise SettingsError(f"{kind.name} {name_of(kind, part)}: {error}") from error.error
 

@@ -268,7 +268,10 @@ def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: Arr
     """
     eye, direction = gaze_ray(geometry, angles_rad)
     to_target = np.asarray(target_base_m, dtype=np.float64) - eye
-    across = np.linalg.norm(np.cross(direction, to_target), axis=-1)
-    along = np.sum(direction * to_target, axis=-1)
-    error: FloatArray = np.arctan2(across, along)
-    return error
+    return angle_between_rad(direction, to_target)
+
+
+def angle_between_rad(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Angle between directions of any length, shape (..., 3); shape (...), radians."""
+    across = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.asarray(np.arctan2(across, np.sum(one * other, axis=-1)))

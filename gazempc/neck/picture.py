@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import AXES, Axis, NeckSpec
+from gazempc.specfiles import Strict
 from gazempc.types import FloatArray
 
 # Rate of the head's direction at which the lead room is used by three quarters, pictures a second: between sway and
@@ -26,10 +27,8 @@ _EXCURSION_DELAYS, _SHORTEST_EXCURSION_S = 1.5, 0.02
 _Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class Framing(BaseModel):
+class Framing(Strict):
     """A head in the picture of a camera that the neck turns; lengths are shares of the picture, so any zoom fits."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     subject: Literal["no", "one", "all"] = Field(
         default="one",

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from gazempc.neck.rules import RULES
 from gazempc.neck.speed_steps import SpeedSteps
-from gazempc.specfiles import load_spec, shipped_names
+from gazempc.specfiles import Strict, load_spec, shipped_names
 from gazempc.types import BoolArray, FloatArray
 
 # The joints that every neck has; eyes and body come after them.
@@ -29,13 +30,11 @@ _Point = tuple[_Offset, _Offset, _Offset]
 _RULES = {field: f"rule of thumb: {rule}" for field, rule in RULES.items()}
 
 
-class Geometry(BaseModel):
+class Geometry(Strict):
     """Positions of the axes and the eye. All zero: both axes and the eye in one point.
 
     At pan = tilt = 0 all frames are parallel to the base frame (x forward, y left, z up).
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     tilt_axis_in_pan_m: _Point = Field(default=(0.0, 0.0, 0.0), description="Tilt axis, seen from the pan axis, metres")
     eye_in_tilt_m: _Point = Field(
@@ -43,15 +42,13 @@ class Geometry(BaseModel):
     )
 
 
-class Axis(BaseModel):
+class Axis(Strict):
     """One joint: its limits and its servo ``x'' = wn^2 (c(t - dead time) - x) - 2 zeta wn x'``.
 
     x is the joint's angle q and c the commanded angle; with ``command = "velocity"`` x is its velocity and c the
     commanded speed. Sent the derivative of a trajectory u, such a joint moves as one that is sent u itself: both are
     ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``. So all that plans needs one model only.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     command: Literal["position", "velocity"] = Field(
         default="position", description="What the joint is sent: an angle, or a speed that it holds"
@@ -126,13 +123,11 @@ class Axis(BaseModel):
         return (1.0 + overshoot) / (1.0 - overshoot)
 
 
-class Eyes(BaseModel):
+class Eyes(Strict):
     """Eyes in the head. Both look the same way (version); they turn about `Geometry.eye_in_tilt_m`.
 
     At eye_pan = eye_tilt = 0 they look along +x of the head.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     pan: Axis
     tilt: Axis
@@ -154,14 +149,12 @@ def _of_joints(field: str, meaning: str) -> cached_property[FloatArray]:
     return cached_property(values)
 
 
-class NeckSpec(BaseModel):
+class NeckSpec(Strict):
     """A pan-tilt neck, optionally with eyes in the head and a body that turns under the neck.
 
     Arrays have shape (N,), one number a joint in the order of `joint_names`: pan, tilt, pan and tilt of the eyes, yaw
     of the body. N is 2, 3 (body), 4 (eyes) or 5.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     name: str
     source: str = Field(description="Where the figures are from; printed with results")
@@ -252,23 +245,17 @@ class NeckSpec(BaseModel):
         return bool(self.speed_joints.any())
 
     def _per_axis(self, name: str) -> FloatArray:
-        return np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
+        """A field of all joints; degrees become radians."""
+        values = np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
+        return np.deg2rad(values) if name.endswith("_deg") else values
 
     velocity_max_rad_s = _of_joints("velocity_max_rad_s", "Velocity limits of the joints, rad/s.")
     acceleration_max_rad_s2 = _of_joints("acceleration_max_rad_s2", "Acceleration limits of the joints, rad/s^2.")
     jerk_max_rad_s3 = _of_joints("jerk_max_rad_s3", "Jerk limits of the joints, rad/s^3.")
     dead_time_s = _of_joints("dead_time_s", "Dead times, seconds.")
     servo_lag_s = _of_joints("servo_lag_s", "Servo lags, seconds.")
-
-    @cached_property
-    def position_min_rad(self) -> FloatArray:
-        """Lower position limits of the joints, radians."""
-        return np.deg2rad(self._per_axis("position_min_deg"))
-
-    @cached_property
-    def position_max_rad(self) -> FloatArray:
-        """Upper position limits of the joints, radians."""
-        return np.deg2rad(self._per_axis("position_max_deg"))
+    position_min_rad = _of_joints("position_min_deg", "Lower position limits of the joints, radians.")
+    position_max_rad = _of_joints("position_max_deg", "Upper position limits of the joints, radians.")
 
     @cached_property
     def command_limits(self) -> CommandLimits:
@@ -287,15 +274,12 @@ class NeckSpec(BaseModel):
     @cached_property
     def rest_rad(self) -> FloatArray:
         """Where the joints rest without a person: `Axis.rest_deg`, or as near as the limits allow, radians."""
-        limits = self.command_limits
-        rest_rad = np.deg2rad(self._per_axis("rest_deg"))
-        return np.clip(rest_rad, limits.position_min_rad, limits.position_max_rad)
+        return self.command_limits.clip_position(self._per_axis("rest_deg"))
 
 
-class CommandLimits(BaseModel):
+@dataclass(frozen=True)
+class CommandLimits:
     """Limits of a command, inside those of the neck (see `Axis.servo_gain`); arrays of shape (N,)."""
-
-    model_config = ConfigDict(frozen=True, arbitrary_types_allowed=True)
 
     position_min_rad: FloatArray
     position_max_rad: FloatArray

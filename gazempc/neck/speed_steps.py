@@ -6,21 +6,21 @@ from bisect import bisect_right
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from gazempc.specfiles import Strict
 
 # Slower than a thousandth of a degree a second no camera turns.
 _Speed = Annotated[float, Field(ge=1e-5, le=1e3)]
 _Speeds = Annotated[tuple[_Speed, ...], Field(min_length=1, max_length=1000)]
 
 
-class SpeedSteps(BaseModel):
+class SpeedSteps(Strict):
     """The only speeds that a joint has, besides standing still.
 
     Entry k - 1 is the speed of the device's step k: of pan or tilt speed k of VISCA, or of the share k / K of full
     speed by ONVIF, with K entries. The steps need not be linear, nor the same in both directions.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     positive_rad_s: _Speeds = Field(description="To the left or up, slowest first, rad/s")
     negative_rad_s: _Speeds = Field(description="To the right or down, slowest first, rad/s; without a sign")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from xml.sax.saxutils import quoteattr
 
 from gazempc.neck.spec import BODY_AXIS, EYE_AXES, Axis, NeckSpec
 
@@ -74,7 +75,7 @@ def neck_mjcf(neck: NeckSpec) -> str:
     )
     body, end_of_body = _body(neck)
     head_kg = _HEAD_KG - (0.0 if neck.eyes is None else _EYE_KG)
-    return f"""<mujoco model="gazempc neck {_attribute(neck.name)}">
+    return f"""<mujoco model={quoteattr(f"gazempc neck {neck.name}")}>
   <compiler angle="radian" autolimits="true"/>
   <!-- RK4: a step of first order moves the joint half a step early and takes zeta wn h of the damping -->
   <option timestep="{step_s!r}" integrator="RK4"/>
@@ -180,7 +181,3 @@ def _servo(axis: Axis, inertia_kg_m2: float, step_s: float) -> str:
 
 def _vector(vector: tuple[float, float, float]) -> str:
     return " ".join(repr(float(x)) for x in vector)
-
-
-def _attribute(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")

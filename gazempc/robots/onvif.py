@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.errors import RobotError, SettingsError, import_optional
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import OnvifOptions
 from gazempc.robots.speed_camera import Pair, SpeedCamera
@@ -34,14 +34,10 @@ class OnvifDevice:
     """
 
     def __init__(self, address: str, neck: NeckSpec, options: OnvifOptions) -> None:
-        try:
-            import onveef  # noqa: PLC0415
-        except ImportError:
-            raise MissingOptionalDependencyError("the robot onvif", "onveef", "ptz") from None
+        self._onveef = import_optional("onveef", "the robot onvif", "onveef", "ptz")
         host, _, port = address.partition(":")
         if not host or (port and not (port.isdecimal() and int(port) < 65536)):
             raise SettingsError(f"robot onvif:{address}: accepted: onvif:HOST, onvif:HOST:PORT")
-        self._onveef: Any = onveef
         self._host, self._port, self._options, self._neck = host, int(port or 80), options, neck
         self._login = _login(options)
         self.name = f"onvif {host}:{self._port}"

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from gazempc.neck.kinematics import pan_tilt_rad
 from gazempc.neck.spec import AXES
 from gazempc.types import FloatArray
 
@@ -48,8 +49,7 @@ def head_angles(matrix: FloatArray) -> FloatArray:
     # Written so that a NaN is refused.
     if not (np.all(np.abs(turn @ turn.T - np.eye(3)) < _TURN_NOISE) and np.linalg.det(turn) > 0):
         raise ValueError("not a pose")
-    x, y, z = turn[:, 0]
-    return np.array([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
+    return pan_tilt_rad(turn[:, 0])
 
 
 def joint_angles(matrix: FloatArray, body_yaw_rad: float, joints: int) -> FloatArray:

@@ -67,28 +67,35 @@ _SLOWLY_RAD_S = 0.3
 _ANY_NUMBER = 1e10
 
 
-def wrong_reading(state: object, neck: NeckSpec) -> str:
-    """What is wrong with what a robot's `read_state` returned.
+def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -> JointState | None:
+    """Refuse what is no reading of a neck's joints.
 
     Args:
-        state: What it returned.
+        state: What a method of a robot returned.
         neck: The neck, for its joints.
+        method: The method.
 
     Returns:
-        A sentence with what is needed; empty for a good reading, and for None (nothing new).
+        A copy of the reading, as a driver may use its buffers again; None for None (nothing new).
+
+    Raises:
+        RobotError: If it is anything else; names what is needed.
     """
     if state is None:
-        return ""
+        return None
     if not isinstance(state, JointState):
-        return f"read_state() returned {type(state).__name__}, needed is a gazempc.JointState, or None"
+        raise RobotError(f"{method}() returned {type(state).__name__}, needed is a gazempc.JointState, or None")
+    if not isinstance(state.time_s, float | int | np.floating | np.integer) or abs(state.time_s) > _ANY_NUMBER:
+        raise RobotError(f"{method}() returned time_s {state.time_s!r}, needed are seconds of the loop's clock")
     for name in ("position_rad", "velocity_rad_s"):
         value: object = getattr(state, name)
         if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
             needed = f"an array of shape ({neck.joints},): {', '.join(neck.joint_names)}"
-            return f"read_state() returned {name} {value!r}, needed is {needed}"
+            raise RobotError(f"{method}() returned {name} {value!r}, needed is {needed}")
         if np.abs(value).max() > _ANY_NUMBER:
-            return f"read_state() returned {name} {value}, needed are numbers of a joint"
-    return ""
+            raise RobotError(f"{method}() returned {name} {value}, needed are numbers of a joint")
+    angles_rad, speeds_rad_s = (np.array(each, np.float64) for each in (state.position_rad, state.velocity_rad_s))
+    return JointState(float(state.time_s), angles_rad, speeds_rad_s)
 
 
 def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:

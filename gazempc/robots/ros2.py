@@ -17,7 +17,7 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import Ros2Options
 from gazempc.robots.robot import check_command, stop_trajectory
 from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
-from gazempc.ros2.node import MakeNode, Publication, Ros2Node, Subscription, message_type
+from gazempc.ros2.node import Publication, Ros2Node, Subscription, message_type
 from gazempc.types import FloatArray, JointState
 
 _STATE_TYPE = "sensor_msgs/msg/JointState"
@@ -52,7 +52,6 @@ class Ros2Neck:
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         options: Topics, joints and clock.
         connect_timeout_s: How long `connect` waits for controller and joint states, seconds.
-        make_node: Makes the node.
 
     Raises:
         SettingsError: If an option cannot be right.
@@ -69,7 +68,6 @@ class Ros2Neck:
         to_loop_s: Callable[[float], float],
         options: Ros2Options,
         connect_timeout_s: float = 5.0,
-        make_node: MakeNode = Ros2Node,
     ) -> None:
         joint_names, joint_signs = options.joint_names, options.joint_signs
         joints = ", ".join(neck.joint_names)
@@ -93,23 +91,24 @@ class Ros2Neck:
         self._from_start_ns = round(from_start_s * 1e9)
         self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
-        self._make_node = make_node
-        self._lost_s = math.inf
-        self._returning: tuple[ruckig.InputParameter, ruckig.OutputParameter] | None = None
         self._return_steps = ruckig.Ruckig(neck.joints, neck.servo_period_s)
         # Commands sent, newest last: as many as lie between a command and the joint that follows it.
         ahead_s = float(np.max(neck.dead_time_s + neck.servo_lag_s)) + neck.servo_period_s
         self._sent: deque[FloatArray] = deque(maxlen=max(3, round(ahead_s * neck.servo_rate_hz)))
         self._measured_rad: FloatArray | None = None
+        self._trajectory: Any = None
+        self.ignored = 0
+        self.ignored_because = ""
+        self._forget()
+
+    def _forget(self) -> None:
         self._node: Ros2Node | None = None
         self._commands: Publication | None = None
         self._states: Subscription | None = None
         self._latest: JointState | None = None
-        self._trajectory: Any = None
-        self._newest_s = -math.inf
-        self._heard_s = -math.inf
-        self.ignored = 0
-        self.ignored_because = ""
+        self._returning: tuple[ruckig.InputParameter, ruckig.OutputParameter] | None = None
+        self._lost_s, self._newest_s, self._heard_s = math.inf, -math.inf, -math.inf
+        self._sent.clear()
 
     def connect(self) -> None:
         """Join the graph, and wait until the controller and the joint states are there.
@@ -121,7 +120,7 @@ class Ros2Neck:
         if self._node is not None:
             return
         try:
-            self._node = self._make_node("gazempc", self._use_sim_time)
+            self._node = Ros2Node("gazempc", self._use_sim_time)
             self._commands = self._node.publication(self._command_topic, self._command_type)
             if self._neck.reports_joints:
                 self._states = self._node.subscription(self._state_topic, _STATE_TYPE)
@@ -138,7 +137,7 @@ class Ros2Neck:
         self._connected()
         if self._states is None:
             return None
-        self._take_in(self._states)
+        self._take_in()
         latest, self._latest = self._latest, None
         if latest is None and self._clock_s() - self._heard_s > self._silent_after_s:
             # The robot may come back with its clock set to an earlier time.
@@ -199,21 +198,14 @@ class Ros2Neck:
                 self._commands.publish(message_type(self._command_type)(data=[0.0] * self._signs.size))
         if self._node is not None:
             self._node.close()
-        self._sent.clear()
-        self._lost_s, self._returning = math.inf, None
-        self._node = self._commands = self._states = self._latest = None
-        self._newest_s = self._heard_s = -math.inf
+        self._forget()
 
     def _wait_for_robot(self, node: Ros2Node, commands: Publication) -> None:
         until_s = time.monotonic() + self._connect_timeout_s
-        while True:
-            if self._states is not None:
-                self._take_in(self._states)
-            heard = self._states is None or self._latest is not None
-            if heard and commands.has_listeners:
+        while time.monotonic() < until_s:
+            self._take_in()
+            if commands.has_listeners and (self._states is None or self._latest is not None):
                 return
-            if time.monotonic() >= until_s:
-                break
             time.sleep(_WAKE_S)
         if not commands.has_listeners:
             raise Ros2Error(node.why_no_match(self._command_topic, self._command_type, listeners=True))
@@ -226,10 +218,10 @@ class Ros2Neck:
             raise RobotError("the ROS 2 neck is not connected: call connect() first")
         return self._commands
 
-    def _take_in(self, states: Subscription) -> None:
+    def _take_in(self) -> None:
         now_s = self._clock_s()
         try:
-            messages = states.take()
+            messages = [] if self._states is None else self._states.take()
         except Ros2Error as error:
             raise RobotError(f"cannot read {self._state_topic}: {error}") from None
         for message in messages:

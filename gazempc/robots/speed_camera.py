@@ -155,9 +155,8 @@ class SpeedCamera:
             stops = wanted == [0.0, 0.0]
             if stops or not (self._sending or now_s - self._chosen_s < _HOLD_S):
                 before = tuple(dither.held_rad_s for dither in self._dithers)
-                for dither, speed in zip(self._dithers, wanted, strict=True):
-                    dither.choose(speed, _HOLD_S)
-                chosen = self._dithers[0].held_rad_s, self._dithers[1].held_rad_s
+                pan, tilt = (d.choose(speed, _HOLD_S) for d, speed in zip(self._dithers, wanted, strict=True))
+                chosen = pan, tilt
                 self._chosen_s = now_s
                 if chosen != before:
                     self._mail, self._sending = chosen, True

@@ -63,11 +63,14 @@ class ViscaLink:
         port: Its UDP port.
 
     Attributes:
+        host: Address of the camera.
+        port: Its UDP port.
+        name: Both, for messages.
         retries: Number of packets that were sent again.
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._host, self._port = host, port
+        self.host, self.port = host, port
         self.name = f"visca {host}:{port}"
         self._socket: socket.socket | None = None
         self._sequence = 0
@@ -83,7 +86,7 @@ class ViscaLink:
         if self._socket is None:
             try:
                 self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-                self._socket.connect((self._host, self._port))
+                self._socket.connect((self.host, self.port))
             except OSError as error:
                 self.close()
                 raise RobotError(f"{self.name}: {error}") from None
@@ -200,17 +203,15 @@ class ViscaDevice:
         self._emulator = PtzEmulator(port or neck) if host == EMULATOR else None
         if not host or (self._emulator is None and port and not (port.isdecimal() and int(port) < 65536)):
             raise SettingsError(f"robot visca:{address}: accepted: visca:HOST, visca:HOST:PORT, visca:emulator")
-        self._host, self._port = host, PORT if self._emulator or not port else int(port)
+        self._link = ViscaLink(host, PORT if self._emulator or not port else int(port))
         self.steps = wire.visca_steps(neck)
         self._options, self._rad = options, math.radians(1.0 / options.counts_per_deg)
-        self._link: ViscaLink | None = None
         self._guard: subprocess.Popen[bytes] | None = None
 
     def open(self) -> None:
         """See `SpeedDevice.open`; the camera has to answer."""
         if self._emulator is not None:
-            self._host, self._port = self._emulator.start()
-        self._link = ViscaLink(self._host, self._port)
+            self._link = ViscaLink(*self._emulator.start())
         self._link.open()
         with contextlib.suppress(RobotError):
             self._link.inquire(wire.VERSION)
@@ -225,11 +226,11 @@ class ViscaDevice:
             steps.step(speed * direction)
             for steps, speed, direction in zip(self.steps, speeds_rad_s, self._options.directions, strict=True)
         )
-        self._opened.command(wire.drive_payload(one, other))
+        self._link.command(wire.drive_payload(one, other))
 
     def angles_rad(self) -> Pair | None:
         """See `SpeedDevice.angles_rad`."""
-        found = wire.position_of(self._opened.inquire(wire.POSITION))
+        found = wire.position_of(self._link.inquire(wire.POSITION))
         if found is None:
             return None
         # VISCA counts pan to the right.
@@ -238,14 +239,14 @@ class ViscaDevice:
 
     def recover(self) -> None:
         """See `SpeedDevice.recover`: a camera that was switched off counts anew."""
-        self._opened.reset()
+        self._link.reset()
 
     def about(self) -> list[tuple[str, str]]:
         """See `SpeedDevice.about`."""
-        found = [("address", f"{self._host}:{self._port} (VISCA over IP, UDP)")]
+        found = [("address", f"{self._link.host}:{self._link.port} (VISCA over IP, UDP)")]
         for name, payload, shown in _QUESTIONS:
             try:
-                found.append((name, shown(self._opened.inquire(payload))))
+                found.append((name, shown(self._link.inquire(payload))))
             except RobotError as error:
                 found.append((name, f"not answered ({str(error).partition(': ')[2] or error})"))
         speeds = " and ".join(str(len(steps.positive_rad_s)) for steps in self.steps)
@@ -253,22 +254,15 @@ class ViscaDevice:
 
     def close(self) -> None:
         """See `SpeedDevice.close`."""
-        if self._link is not None:
-            self._link.close()
+        self._link.close()
         if self._guard is not None and self._guard.stdin is not None:
             with contextlib.suppress(OSError):
                 self._guard.stdin.write(b".")
                 self._guard.stdin.close()
             self._guard.wait()
-        self._link = self._guard = None
+        self._guard = None
         if self._emulator is not None:
             self._emulator.close()
-
-    @property
-    def _opened(self) -> ViscaLink:
-        if self._link is None:
-            raise RobotError(f"visca {self._host}: not connected")
-        return self._link
 
     def _start_guard(self) -> None:
         # VISCA moves have no end: a run that is killed leaves its camera turning.
@@ -276,7 +270,7 @@ class ViscaDevice:
             wire.pack(wire.CONTROL, 0, wire.RESET).hex(),
             wire.pack(wire.COMMAND, 1, wire.drive_payload(0, 0)).hex(),
         )
-        words = [sys.executable, "-I", "-S", "-c", _GUARD, self._host, str(self._port), *packets]
+        words = [sys.executable, "-I", "-S", "-c", _GUARD, self._link.host, str(self._link.port), *packets]
         self._guard = subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True)
 
 

@@ -27,6 +27,10 @@ class Ros2Error(ValueError):
     """A message cannot be used, or ROS 2 cannot be reached; gives the reason."""
 
 
+class FrameError(Ros2Error):
+    """The tree of tf does not know a frame at a time; it may later."""
+
+
 def topic_name(name: str) -> str:
     """The full name of a topic, with the slash in front that may be left out.
 

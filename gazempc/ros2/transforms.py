@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from gazempc.ros2.messages import Ros2Error, stamp_s
+from gazempc.ros2.messages import FrameError, Ros2Error, stamp_s
 from gazempc.types import FloatArray
 
 # Drivers round quaternions off; what is farther from unit length is none.
@@ -44,14 +44,6 @@ def _pose_of(numbers: _Numbers) -> FloatArray:
     pose[:3, 3] = numbers[:3]
     pose[:3, :3] = Rotation.from_quat(numbers[3:], scalar_first=True).as_matrix()
     return pose
-
-
-def inverse_of(pose: FloatArray) -> FloatArray:
-    """The pose of the other frame in this one, shape (4, 4)."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = pose[:3, :3].T
-    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
-    return inverse
 
 
 def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
@@ -183,19 +175,19 @@ class Transforms:
             The pose, shape (4, 4).
 
         Raises:
-            Ros2Error: If it is not known, or not yet; names the missing frame.
+            FrameError: If it is not known, or not yet; names the missing frame.
         """
         up, down = (frame, *self.ancestors(frame)), (seen_from, *self.ancestors(seen_from))
         common = next((name for name in up if name in down), None)
         if common is None:
             lost = seen_from if len(down) == 1 else frame
-            raise Ros2Error(f"tf has no path from {frame!r} to {seen_from!r}: no transform of {lost!r}")
+            raise FrameError(f"tf has no path from {frame!r} to {seen_from!r}: no transform of {lost!r}")
         ways = [list(way[: way.index(common)]) for way in (up, down)]
         if time_s is None:
             newest_s = [self._moving[name][-1][0] for way in ways for name in way if name in self._moving]
             time_s = min(newest_s, default=0.0)
         pose, back = (self._along(way, time_s) for way in ways)
-        return inverse_of(back) @ pose if ways[1] else pose
+        return np.asarray(np.linalg.solve(back, pose), dtype=np.float64) if ways[1] else pose
 
     def _along(self, way: Iterable[str], time_s: float) -> FloatArray:
         pose = np.eye(4)
@@ -213,12 +205,12 @@ class Transforms:
             return _pose_of(samples[after][1])
         where = f"where {child!r} is in {self._parent[child]!r}"
         if after == len(samples):
-            raise Ros2Error(f"{where}: the last transform is {time_s - samples[-1][0]:.2f} s older")
+            raise FrameError(f"{where}: the last transform is {time_s - samples[-1][0]:.2f} s older")
         if after == 0:
-            raise Ros2Error(f"{where}: the first transform is {samples[0][0] - time_s:.2f} s newer")
+            raise FrameError(f"{where}: the first transform is {samples[0][0] - time_s:.2f} s newer")
         early, late = samples[after - 1], samples[after]
         if late[0] - early[0] > _LONGEST_GAP_S:
-            raise Ros2Error(f"{where}: a gap of {late[0] - early[0]:.2f} s between transforms")
+            raise FrameError(f"{where}: a gap of {late[0] - early[0]:.2f} s between transforms")
         return between(_pose_of(early[1]), _pose_of(late[1]), (time_s - early[0]) / (late[0] - early[0]))
 
     def _note(self, child: str, sample: _Sample) -> None:

@@ -12,7 +12,7 @@ from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensing.spec import SensorSpec
 from gazempc.sim.sensor import observe
-from gazempc.types import FloatArray, Sighting
+from gazempc.types import Sighting
 from predictors import Forecast, HeadObservation, Perfect
 
 # Shoulders are 0.45 m wide: a person whose middle is behind the shoulders of another is lost by trackers of bodies and
@@ -63,20 +63,6 @@ def _is_hidden(head: TrueHead, others: Sequence[TrueHead], time_s: float) -> boo
     return False
 
 
-def nearest_of(heads: Sequence[TrueHead], time_s: float, position_m: FloatArray) -> int:
-    """The person nearest to a position.
-
-    Args:
-        heads: True head of each person.
-        time_s: The time, seconds.
-        position_m: Where, shape (3,), metres.
-
-    Returns:
-        Number in `heads`.
-    """
-    return int(np.argmin([np.linalg.norm(head([time_s])[0] - position_m) for head in heads]))
-
-
 class PerfectOfCrowd:
     """The predictor `perfect` among several people: of the person nearest to its first observation.
 
@@ -96,7 +82,8 @@ class PerfectOfCrowd:
         """Take in one observation; see `predictors.predictor.Predictor.update`."""
         if self._perfect is None:
             seen_m, captured_s = observation.head_position_base_m, observation.capture_time_s
-            self._perfect = Perfect(self._heads[nearest_of(self._heads, captured_s, seen_m)])
+            away_m = [float(np.linalg.norm(head([captured_s])[0] - seen_m)) for head in self._heads]
+            self._perfect = Perfect(self._heads[int(np.argmin(away_m))])
         self._perfect.update(observation)
 
     def forecast(self, times_s: ArrayLike) -> Forecast:

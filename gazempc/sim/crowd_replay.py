@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from gazempc.errors import SettingsError
-from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.track import Target
 from gazempc.recordings.truth import TrueHead
@@ -20,46 +19,30 @@ from gazempc.types import FloatArray, IntArray
 _NONE = -1
 
 
-class Alone:
-    """The only person of a scene; the interface is that of `Crowd`.
-
-    Args:
-        scene: The scene.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        self.seen = [(0, sighting) for sighting in observe(scene.walk, scene.sensor, scene.seed)]
-        self.heads = [TrueHead(scene.walk)]
-
-    def note(self, now_s: float) -> None:
-        """See `Crowd.note`: one person is attended all the time."""
-
-    def attended_head(self, times_s: FloatArray) -> FloatArray:
-        """See `Crowd.attended_head`."""
-        (head,) = self.heads
-        return np.where(head.known(times_s)[:, None], head(times_s), np.nan)
-
-    def completed(self, log: Log) -> Log:
-        """See `Crowd.completed`: no other person, no swap of identity."""
-        return log
-
-
 class Crowd:
-    """All people of a scene, and the attended one.
+    """All people of a scene, and the attended one; a person alone is attended all the time.
 
     Args:
         scene: The scene.
-        several: Tracks of all people.
+        target: The target of the loop: one of several people, or a person alone.
 
     Attributes:
         heads: True head of each person.
         seen: Number in `heads` and sighting, in the order of arrival.
+
+    Raises:
+        SettingsError: If there are several people and the target is a person alone.
     """
 
-    def __init__(self, scene: Scene, several: AttendedPeople) -> None:
+    def __init__(self, scene: Scene, target: Target) -> None:
         walks = (scene.walk, *scene.others)
-        self.seen = observe_together(walks, scene.sensor, scene.seed)
-        self._several = several
+        self._several = target.several if isinstance(target, LookingAway) else None
+        if self._several is not None:
+            self.seen = observe_together(walks, scene.sensor, scene.seed)
+        elif scene.others:
+            raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
+        else:
+            self.seen = [(0, sighting) for sighting in observe(scene.walk, scene.sensor, scene.seed)]
         self.heads = [TrueHead(walk) for walk in walks]
         self._whose = {id(sighting.observation): k for k, sighting in self.seen}
         self._owners: dict[int, int] = {}
@@ -72,6 +55,8 @@ class Crowd:
         Args:
             now_s: The time, seconds.
         """
+        if self._several is None:
+            return
         attended = _NONE
         for track in self._several.people.confirmed:
             # Whose observations they are may change while their number does not.
@@ -119,27 +104,8 @@ class Crowd:
         )
 
     def _attended_at(self, times_s: FloatArray) -> IntArray:
+        if self._several is None:
+            return np.zeros(times_s.shape, dtype=np.intp)
         ticks_s, whom = (np.array(values) for values in zip(*self._attended, strict=True))
         at = np.clip(np.searchsorted(ticks_s, times_s + 1e-9) - 1, 0, ticks_s.size - 1)
         return np.where(times_s <= ticks_s[-1] + 1e-9, whom[at], _NONE).astype(np.intp)
-
-
-def people_of(scene: Scene, target: Target) -> Alone | Crowd:
-    """The people of a scene.
-
-    Args:
-        scene: The scene.
-        target: The target of the loop.
-
-    Returns:
-        A crowd where the target is one of several people; otherwise all observations are one person's.
-
-    Raises:
-        SettingsError: If there are several people and the target is a single one.
-    """
-    several = target.several if isinstance(target, LookingAway) else None
-    if several is not None:
-        return Crowd(scene, several)
-    if scene.others:
-        raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
-    return Alone(scene)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from gazempc.command import Progress
@@ -63,13 +62,11 @@ def replay_repeatedly(
         LeftOutError: If the recording is too short to be scored.
         SettingsError: If a part cannot be made, or violates its interface.
     """
-    first: dict[str, Replayed] = {}
-    plans: dict[str, list[PlanMoment]] = {}
     rounds: list[list[Row]] = []
     survived: dict[int, dict[str, list[dict[str, Any]]]] = {}
     reason, interrupted = "", None
-    replayed: dict[str, Replayed] = {}
-    planned: list[list[PlanMoment]] = []
+    first: dict[str, Replayed] = {}
+    plans: dict[str, list[PlanMoment]] = {}
     started_s = time.monotonic()
     try:
         for seed in range(scene.seed, scene.seed + (count or DEFAULT_SEEDS)):
@@ -82,52 +79,48 @@ def replay_repeatedly(
                 reason = f"as many as fit into {PATIENCE_S:.0f} s: --noise-seeds N for more"
                 break
             progress.begin(f"replaying {scene.walk.name}, noise seed {seed}")
-            replayed, planned = {}, []
-            _name(replayed, _replays(replace(scene, seed=seed), settings, controllers, progress, planned))
+            replayed: dict[str, Replayed] = {} if done else first
+            kept: dict[str, list[PlanMoment]] = {} if done else plans
+            _replay_each(replace(scene, seed=seed), settings, controllers, progress, replayed, kept)
             if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
                 survived[seed] = of_seed
-            plans = plans or dict(zip(replayed, planned, strict=True))
-            first = first or replayed
             rounds.append(_rows(replayed, scene.neck.control_period_s))
     except Interrupted as stop:
         interrupted, reason = stop, "interrupted"
-        if not rounds and not replayed:
+        if not first:
             raise
         if not rounds:  # the controllers that were complete under the first seed
-            first, plans = replayed, dict(zip(replayed, planned, strict=False))
-            rounds.append(_rows(replayed, scene.neck.control_period_s))
+            rounds.append(_rows(first, scene.neck.control_period_s))
     seeds = tuple(range(scene.seed, scene.seed + len(rounds)))
     return Repeated(first, by_controller(seeds, rounds), survived, _seeds_note(seeds, reason), plans, interrupted)
 
 
-def _replays(
+def _replay_each(
     scene: Scene,
     settings: ReplaySettings,
     controllers: Sequence[str],
     progress: Progress,
-    planned: list[list[PlanMoment]],
-) -> Iterator[Replayed]:
+    replayed: dict[str, Replayed],
+    plans: dict[str, list[PlanMoment]],
+) -> None:
+    """Replay to each controller, and keep each replay and its plans as soon as it is complete."""
     chosen = list(dict.fromkeys(controllers))
     for k, controller in enumerate(chosen):
+        planned: list[PlanMoment] = []
 
         def of_all(share: float, before: int = k) -> None:
             progress.at((before + share) / len(chosen))
 
-        def keep(moment: Moment, plans: list[PlanMoment]) -> None:
+        def keep(moment: Moment, planned: list[PlanMoment] = planned) -> None:
             if isinstance(moment, PlanMoment):
-                plans.append(moment)
+                planned.append(moment)
 
-        planned.append([])
-        yield replay_scene(scene, controller, settings.predictor, settings, of_all, partial(keep, plans=planned[-1]))
-
-
-def _name(named: dict[str, Replayed], replays: Iterator[Replayed]) -> None:
-    """Keep each replay as soon as it is complete."""
-    for replayed in replays:
+        found = replay_scene(scene, controller, settings.predictor, settings, of_all, keep)
         # A controller's name, with a number after an earlier one of the same name.
-        plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in replayed.log.run.controller)
-        same = sum(other == plain or other.startswith(f"{plain}_") for other in named)
-        named[f"{plain}_{same + 1}" if same else plain] = replayed
+        plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in found.log.run.controller)
+        same = sum(other == plain or other.startswith(f"{plain}_") for other in replayed)
+        name = f"{plain}_{same + 1}" if same else plain
+        replayed[name], plans[name] = found, planned
 
 
 def _rows(replayed: dict[str, Replayed], control_period_s: float) -> list[Row]:

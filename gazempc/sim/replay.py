@@ -32,7 +32,7 @@ from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.moments import Moment
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
 from gazempc.sim.crowd import PerfectOfCrowd
-from gazempc.sim.crowd_replay import people_of
+from gazempc.sim.crowd_replay import Crowd
 from gazempc.sim.scene import Scene, SceneSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState, Sighting
@@ -124,7 +124,7 @@ def replay_scene(
     if predictor == "perfect" and settings.attend is not None:
         of_each = PerfectOfCrowd([TrueHead(each) for each in (walk, *scene.others)])
     target = make_target(of_each, ready, neck, settings, settings.options, look_aways=look_aways)
-    people = people_of(scene, target)
+    people = Crowd(scene, target)
     seen = deque(people.seen)
     smoother = Smoother(neck, scene.first_angles_rad(seen[0][1].observation.head_position_base_m))
 

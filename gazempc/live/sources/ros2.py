@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gazempc.live.mount import moved
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.loop.events import Event
 from gazempc.people.company import Cue
 from gazempc.robots.options import Ros2Options
-from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
+from gazempc.ros2.messages import FrameError, Ros2Error, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
 from gazempc.ros2.transforms import Transforms
 from gazempc.types import FloatArray, Sighting
@@ -24,10 +24,11 @@ from predictors import HeadObservation
 _T = TypeVar("_T")
 _COVARIANCE_SHAPE = (6, 6)  # x, y, z, and turns about x, y, z
 _YAW = 5
-_WAITING_MAX = 64
+# More wait only if frames on their way are missing.
+_WAITING_MAX = 256
 _TF = "/tf"
 # Transforms between a tracker and the robot come from other nodes, which may be this much later.
-WAITS_S = 0.2
+_WAITS_S = 0.2
 # Name of a node that is not discovered completely, in rmw_dds_common.
 _UNNAMED = "_NODE_NAME_UNKNOWN_"
 # Nodes discover each other within less.
@@ -44,6 +45,7 @@ class Ros2Source(ABC):
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         options: Topics, types, frames and clock.
         make_node: Makes the node.
+        uses_tf: Whether it listens to the frames of tf.
     """
 
     def __init__(
@@ -54,18 +56,36 @@ class Ros2Source(ABC):
         to_loop_s: Callable[[float], float],
         options: Ros2Options,
         make_node: MakeNode,
+        uses_tf: bool,
     ) -> None:
-        self._name, self._node_name, self._options = name, node_name, options
+        self._name, self._node_name, self._options, self._uses_tf = name, node_name, options, uses_tf
         self._clock_s, self._unix_to_loop_s, self._make_node = clock_s, to_loop_s, make_node
         self._node: Ros2Node | None = None
-        self._tf: TfListener | None = None
-        # Messages whose frames may not be known yet.
-        self._waiting: deque[Unplaced] = deque(maxlen=_WAITING_MAX)
+        # Messages whose frames may not be known yet, each with the time until which that is waited for.
+        self._waiting: list[tuple[Any, float]] = []
 
-    def _unplaced(self, topic: Subscription, now_s: float) -> list[Unplaced]:
-        """Those that wait, and what has come."""
-        waiting = [self._waiting.popleft() for _ in range(len(self._waiting))]
-        return waiting + [Unplaced(message, now_s + WAITS_S) for message in topic.take()]
+    def _placed(
+        self,
+        arrived: Iterable[Any],
+        take: Callable[[Any], _T | None],
+        named: Callable[[Any], str],
+        now_s: float,
+        problems: list[str],
+    ) -> list[_T]:
+        """As `used`, of what has come and what waits; what is in a frame that tf does not know yet waits for it."""
+        waiting = [*self._waiting, *((message, now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
+        self._waiting = []
+
+        def placed(each: tuple[Any, float]) -> _T | None:
+            try:
+                return take(each[0])
+            except FrameError:
+                if now_s >= each[1]:
+                    raise
+                self._waiting.append(each)
+                return None
+
+        return [found for each in waiting for found in used([each], placed, named(each[0]), problems)]
 
     def _to_loop_s(self, ros_s: float) -> float:
         """A stamp on the loop's clock, seconds."""
@@ -77,7 +97,7 @@ class Ros2Source(ABC):
 
     @abstractmethod
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        """Take in messages; problems are appended. Raises Ros2Error if the node is closed."""
+        """Take in messages, after those of tf; problems are appended. Raises Ros2Error if the node is closed."""
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait for a sender."""
@@ -85,10 +105,12 @@ class Ros2Source(ABC):
             return
         try:
             self._node = self._make_node(self._node_name, self._options.use_sim_time)
-            self._watched = self._subscribe(self._node)
+            self._tf = TfListener(self._node) if self._uses_tf else None
+            self._watched = {**self._subscribe(self._node), **({} if self._tf is None else self._tf.topics)}
         except Ros2Error as error:
             self.close()
             raise SourceError(f"{self._name}: {error}") from None
+        self._waiting.clear()
         self._silent: set[str] = set()
         self._several: set[str] = set()
         self._watch_due_s = self._clock_s() + _DISCOVERY_S
@@ -102,6 +124,8 @@ class Ros2Source(ABC):
         sightings: Iterable[Sighting] = ()
         cues: Iterable[Cue] = ()
         try:
+            if self._tf is not None:
+                self._tf.listen(problems)
             sightings, cues = self._take_in(now_s, problems)
         except Ros2Error as error:
             problems.append(f"{self._name}: {error}")
@@ -163,6 +187,7 @@ class TfListener:
     Attributes:
         transforms: The tree.
         topics: The topic of frames that move.
+        moved: Frames that have moved lately, each with its stamp, seconds of ROS time, in the order of the messages.
     """
 
     def __init__(self, node: Ros2Node) -> None:
@@ -171,32 +196,21 @@ class TfListener:
         self.topics = {_TF: node.subscription(_TF, kind)}
         self._fixed = node.subscription("/tf_static", kind, latched=True)
 
-    def listen(self, problems: list[str]) -> list[tuple[str, float]]:
+    def listen(self, problems: list[str]) -> None:
         """Take in what has come.
 
         Args:
             problems: Gets what cannot be used, and why.
 
-        Returns:
-            Frames that have moved, each with its stamp, seconds of ROS time, in the order of the messages.
-
         Raises:
             Ros2Error: If the node is closed.
         """
-        moved: list[tuple[str, float]] = []
+        self.moved: list[tuple[str, float]] = []
         for topic, subscription, fixed in (("/tf_static", self._fixed, True), (_TF, self.topics[_TF], False)):
             for message in subscription.take():
                 newly, unusable = self.transforms.take(message.transforms, fixed)
-                moved += newly
+                self.moved += newly
                 problems += [f"{topic}, {problem}" for problem in unusable]
-        return moved
-
-
-class Unplaced(NamedTuple):
-    """A message whose frame may not be known yet, and until when that is waited for."""
-
-    message: Any
-    until_s: float
 
 
 class _Head(NamedTuple):
@@ -233,51 +247,39 @@ class Ros2Person(Ros2Source):
         topic: str,
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
-        options: Ros2Options | None = None,
+        options: Ros2Options,
         optical: bool = False,
         make_node: MakeNode = Ros2Node,
     ) -> None:
         self._topic, self._optical = topic_name(topic), optical
-        name = f"ROS 2 topic {self._topic}"
-        super().__init__(name, "gazempc_person", clock_s, to_loop_s, options or Ros2Options(), make_node)
+        name, uses_tf = f"ROS 2 topic {self._topic}", options.base_frame is not None
+        super().__init__(name, "gazempc_person", clock_s, to_loop_s, options, make_node, uses_tf)
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         self._poses = node.subscription(self._topic, self._options.pose_type)
-        self._waiting.clear()
-        if self._options.base_frame is None:
-            return {self._topic: self._poses}
-        self._tf = TfListener(node)
-        return {self._topic: self._poses, **self._tf.topics}
+        return {self._topic: self._poses}
 
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        if self._tf is not None:
-            self._tf.listen(problems)
-        found = used(
-            self._unplaced(self._poses, now_s), lambda each: self._seen(each, now_s, problems), self._topic, problems
+        found = self._placed(
+            self._poses.take(), lambda each: self._seen(each, now_s, problems), lambda _: self._topic, now_s, problems
         )
         return [Sighting(now_s, observation) for seen in found for observation in seen], ()
 
-    def _seen(self, waiting: Unplaced, now_s: float, problems: list[str]) -> list[HeadObservation] | None:
-        """Heads of a message; None while it waits for tf."""
-        header = waiting.message.header
+    def _seen(self, message: Any, now_s: float, problems: list[str]) -> list[HeadObservation]:
+        """Heads of a message."""
+        header = message.header
         time_s = stamp_s(header.stamp)
         captured_s = on_loop_clock(time_s, self._to_loop_s, now_s)
         frame, base_frame, pose = header.frame_id.lstrip("/"), self._options.base_frame, None
         if base_frame is not None and self._tf is not None:
-            try:
-                pose = self._tf.transforms.pose(frame, base_frame, time_s)
-            except Ros2Error:
-                if now_s >= waiting.until_s:
-                    raise
-                self._waiting.append(waiting)
-                return None
+            pose = self._tf.transforms.pose(frame, base_frame, time_s)
         elif not self._optical and frame.endswith("optical_frame"):
             raise Ros2Error(
                 f"a pose is in the frame {frame!r}, whose z points forward: needed is x forward, z up; for optical "
                 "axes say --mount.axes optical, or name options.ros2.base_frame"
             )
         # Each head of a message counts for itself: one that is wrong does not cost the others.
-        heads = _heads(waiting.message, self._options.pose_type)
+        heads = _heads(message, self._options.pose_type)
         return used(heads, lambda head: _observation(head, captured_s, pose), self._topic, problems)
 
 
@@ -322,26 +324,20 @@ def _covariance(pose: Any) -> FloatArray:
 
 def _observation(head: _Head, captured_s: float, pose: FloatArray | None) -> HeadObservation:
     """An observation of a head, brought into another frame by a pose, shape (4, 4)."""
-    position_m, quat_wxyz = head.position_m, head.quat_wxyz
+    quat_wxyz = head.quat_wxyz
     place, yaw_variance_rad2 = None, 0.0
     if head.covariance is not None:
         place = head.covariance[:3, :3] if head.covariance[:3, :3].any() else None
         yaw_variance_rad2 = float(head.covariance[_YAW, _YAW])
         if quat_wxyz is not None and not 0.0 <= yaw_variance_rad2 < np.inf:
             raise Ros2Error(f"the variance of a pose's yaw is {yaw_variance_rad2}: needed is 0 (not known) or more")
-    if pose is not None:
-        turn = pose[:3, :3]
-        position_m = turn @ position_m + pose[:3, 3]
-        place = None if place is None else turn @ place @ turn.T
-        if quat_wxyz is not None and np.isfinite(quat_wxyz).all():
-            turned = Rotation.from_matrix(turn) * Rotation.from_quat(quat_wxyz, scalar_first=True)
-            quat_wxyz = turned.as_quat(scalar_first=True)
-    return HeadObservation(
+    seen = HeadObservation(
         capture_time_s=captured_s,
-        head_position_base_m=position_m,
+        head_position_base_m=head.position_m,
         head_quat_wxyz=quat_wxyz,
         position_covariance_m2=place,
         head_yaw_sd_rad=math.sqrt(yaw_variance_rad2) if quat_wxyz is not None and yaw_variance_rad2 else None,
         person_id=head.person_id,
         confidence=head.confidence,
     )
+    return seen if pose is None else moved(seen, Rotation.from_matrix(pose[:3, :3]), pose[:3, 3])

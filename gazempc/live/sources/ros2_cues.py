@@ -12,7 +12,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
 from gazempc.live.mount import Mount, placed
 from gazempc.live.settings import MountedSettings
-from gazempc.live.sources.ros2 import Ros2Source, TfListener, Unplaced, used
+from gazempc.live.sources.ros2 import Ros2Source, used
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.company import Cue, Glance, Sound
 from gazempc.robots.options import Ros2Options
@@ -55,29 +55,25 @@ class Ros2Cues(Ros2Source):
         self._point_topic = "" if options.point_topic is None else topic_name(options.point_topic)
         self._sound_topic = "" if options.sound_topic is None else topic_name(options.sound_topic)
         name = self._point_topic or self._sound_topic
-        super().__init__(name, "gazempc_cues", clock_s, to_loop_s, options, make_node)
+        super().__init__(name, "gazempc_cues", clock_s, to_loop_s, options, make_node, options.base_frame is not None)
         self._topics: dict[str, Subscription] = {}
         self._pointed_s, self._pointed_m = -math.inf, np.full(3, np.inf)
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         kinds = {self._point_topic: _POINT, self._sound_topic: self._options.sound_type}
         self._topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
-        self._waiting.clear()
-        if self._options.base_frame is None:
-            return self._topics
-        self._tf = TfListener(node)
-        return {**self._topics, **self._tf.topics}
+        return self._topics
 
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        if self._tf is not None:
-            self._tf.listen(problems)
         cues: list[Cue] = []
         if self._sound_topic:
             sounds = self._topics[self._sound_topic].take()
             cues += used(sounds, lambda message: self._sound(message, now_s), self._sound_topic, problems)
         if self._point_topic:
-            points = self._unplaced(self._topics[self._point_topic], now_s)
-            cues += used(points, lambda point: self._glance(point, now_s), self._point_topic, problems)
+            points = self._topics[self._point_topic].take()
+            cues += self._placed(
+                points, lambda point: self._glance(point, now_s), lambda _: self._point_topic, now_s, problems
+            )
         return (), cues
 
     def _sound(self, message: Any, now_s: float) -> Sound:
@@ -93,8 +89,8 @@ class Ros2Cues(Ros2Source):
         x, y, _ = self._to_base(ahead) - self._to_base(np.zeros(3))
         return Sound(now_s, math.atan2(y, x))
 
-    def _glance(self, waiting: Unplaced, now_s: float) -> Glance | None:
-        header, point, base_frame = waiting.message.header, waiting.message.point, self._options.base_frame
+    def _glance(self, message: Any, now_s: float) -> Glance | None:
+        header, point, base_frame = message.header, message.point, self._options.base_frame
         frame, place_m = header.frame_id.lstrip("/"), np.array([point.x, point.y, point.z, 1.0])
         if base_frame is None or self._tf is None:
             raise Ros2Error("a point needs options.ros2.base_frame")
@@ -106,13 +102,7 @@ class Ros2Cues(Ros2Source):
         time_s = stamp_s(header.stamp) if header.stamp.sec or header.stamp.nanosec else None
         if time_s is not None:
             on_loop_clock(time_s, self._to_loop_s, now_s)
-        try:
-            pose = self._tf.transforms.pose(frame, base_frame, time_s)
-        except Ros2Error as error:
-            if now_s >= waiting.until_s:
-                raise Ros2Error(f"a point is in the frame {frame!r}: {error}") from None
-            self._waiting.append(waiting)
-            return None
+        pose = self._tf.transforms.pose(frame, base_frame, time_s)
         target_m = self._to_base((pose @ place_m)[:3])
         if np.linalg.norm(target_m) < _NEAREST_M:
             raise Ros2Error(f"a point is in the neck itself, at {target_m.round(3).tolist()} m of its base")

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.live.sources.ros2 import WAITS_S, Ros2Source, TfListener, used
+from gazempc.live.sources.ros2 import Ros2Source, used
 from gazempc.people.company import Cue
 from gazempc.recordings.readers.bag_frames import Poses, forward
 from gazempc.recordings.readers.bag_people import is_person
 from gazempc.robots.options import Ros2Options
-from gazempc.ros2.messages import Ros2Error, on_loop_clock
+from gazempc.ros2.messages import FrameError, on_loop_clock
 from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
@@ -32,19 +31,16 @@ _HEAD = re.compile(rf"({'|'.join(_PART)})_(\w+)")
 # From the middle of the hips to between the eyes, along the back, of a person 1.7 m tall: 0.936 and 0.530 of the height
 # (Drillis & Contini, Body segment parameters, 1966).
 _HEAD_OVER_HIPS_M = 0.69
-# More wait only if frames on their way are missing.
-_WAITING_MAX = 256
 # While a face is seen, the head of a skeleton is less accurate. No two heads are so near to each other.
 _FACE_COUNTS_S, _ONE_HEAD_M = 0.5, 0.4
 
 
-class _Waiting(NamedTuple):
-    """A head whose place may not be known yet: its frame, when it was there, and until when that is waited for."""
+class _Head(NamedTuple):
+    """A head whose place may not be known yet: its frame, and when it was there, by ROS and on the loop's clock."""
 
     name: str
     time_s: float
     captured_s: float
-    until_s: float
 
 
 class Ros4HriPeople(Ros2Source):
@@ -65,13 +61,13 @@ class Ros4HriPeople(Ros2Source):
         self,
         clock_s: Callable[[], float],
         to_loop_s: Callable[[float], float],
-        options: Ros2Options | None = None,
+        options: Ros2Options,
         make_node: MakeNode = Ros2Node,
     ) -> None:
-        super().__init__("ROS4HRI", "gazempc_people", clock_s, to_loop_s, options or Ros2Options(), make_node)
+        super().__init__("ROS4HRI", "gazempc_people", clock_s, to_loop_s, options, make_node, uses_tf=True)
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
-        self._tf = TfListener(node)
+        assert self._tf is not None
         self._transforms = self._tf.transforms
         self._lists = {
             part: node.subscription(topic, "hri_msgs/msg/IdsList", latched=True) for part, topic in _LISTS.items()
@@ -82,25 +78,21 @@ class Ros4HriPeople(Ros2Source):
         self._part_of: dict[tuple[str, str], str] = {}
         # Of those seen lately by the tracker's name: capture time and place.
         self._faces: dict[str, tuple[float, FloatArray]] = {}
-        self._heads: deque[_Waiting] = deque(maxlen=_WAITING_MAX)
         self._sensor_frame: str | None = None
-        return self._tf.topics
+        return {}
 
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         assert self._tf is not None
         self._listen()
-        for frame, time_s in self._tf.listen(problems):
+        heads: list[_Head] = []
+        for frame, time_s in self._tf.moved:
             for name in filter(self._is_head, self._transforms.moved_with(frame)):
                 captured = used(
                     [time_s], lambda at_s: on_loop_clock(at_s, self._to_loop_s, now_s), f"/tf, {name}", problems
                 )
-                self._heads += [_Waiting(name, time_s, each_s, now_s + WAITS_S) for each_s in captured]
-        sightings: list[Sighting] = []
-        for _ in range(len(self._heads)):
-            head = self._heads.popleft()
-            seen = used([head], lambda each: self._seen(each, now_s), f"/tf, {head.name}", problems)
-            sightings += [Sighting(now_s, each) for each in seen]
-        return sightings, ()
+                heads += [_Head(name, time_s, each_s) for each_s in captured]
+        seen = self._placed(heads, self._seen, lambda head: f"/tf, {head.name}", now_s, problems)
+        return [Sighting(now_s, each) for each in seen], ()
 
     def _listen(self) -> None:
         """Take in lists and matches."""
@@ -154,25 +146,19 @@ class Ros4HriPeople(Ros2Source):
         above = (up for up in self._transforms.ancestors(name) if not (is_person(up) or up.endswith(own)))
         sensor = next(above, None)
         if sensor is None:
-            raise Ros2Error("no transform to the frame of a sensor")
+            raise FrameError("no transform to the frame of a sensor")
         if self._sensor_frame not in (None, sensor):
-            raise Ros2Error(
+            raise FrameError(
                 f"it is seen from {sensor!r}, others from {self._sensor_frame!r}: set --options.ros2.base-frame, a "
                 "frame of the robot that tf connects with both"
             )
         self._sensor_frame = sensor
         return sensor
 
-    def _seen(self, head: _Waiting, now_s: float) -> HeadObservation | None:
-        """A head; None for one that waits for tf, and for one of a skeleton whose face is seen."""
-        try:
-            frame = self._seen_from(head.name)
-            pose = self._transforms.pose(head.name, frame, head.time_s)
-        except Ros2Error:
-            if now_s >= head.until_s:
-                raise
-            self._heads.append(head)
-            return None
+    def _seen(self, head: _Head) -> HeadObservation | None:
+        """A head; None for one of a skeleton whose face is seen."""
+        frame = self._seen_from(head.name)
+        pose = self._transforms.pose(head.name, frame, head.time_s)
         kind, _, its_id = head.name.partition("_")
         is_body, captured_s = kind == "body", head.captured_s
         position_m = pose[:3, 3] + (_HEAD_OVER_HIPS_M * pose[:3, 2] if is_body else 0.0)

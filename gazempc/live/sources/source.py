@@ -82,17 +82,13 @@ class Source(Protocol):
         Raises:
             SourceError: If it cannot be opened.
         """
-        ...
 
     def poll(self) -> Arrived:
         """What has arrived since the last call."""
-        ...
 
     @property
     def finished(self) -> bool:
         """True once nothing more will come."""
-        ...
 
     def close(self) -> None:
         """Take no more in; never raises, and may be called at any time."""
-        ...

@@ -49,15 +49,12 @@ class Wire(Protocol):
 
     def open(self) -> None:
         """Open it; raises OSError."""
-        ...
 
     def read(self) -> list[Chunk] | None:
         """Wait a moment for bytes: some, none (empty), or None once it has ended."""
-        ...
 
     def close(self) -> None:
         """Close it."""
-        ...
 
 
 def is_loopback(host: str) -> bool:

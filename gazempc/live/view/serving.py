@@ -8,7 +8,6 @@ from multiprocessing.connection import Connection
 from typing import Protocol
 
 from gazempc.errors import GazempcError, SettingsError
-from gazempc.live.process import second_to_the_run
 from gazempc.live.sources.wires import is_loopback
 from gazempc.live.view.orders import ViewOrders
 from gazempc.parts import error_line
@@ -22,7 +21,7 @@ class _Taker(Protocol):
     def close(self) -> None: ...
 
 
-def serve(orders: ViewOrders, parent: Connection) -> None:
+def serve(parent: Connection, orders: ViewOrders) -> None:
     """Work until the run is over, or its process is gone.
 
     Args:
@@ -30,7 +29,6 @@ def serve(orders: ViewOrders, parent: Connection) -> None:
         parent: Gives lists of moments, an empty one at the end. It gets a tuple of lines for the user when all is
             ready, and a text for each problem.
     """
-    second_to_the_run()
     lines: list[str] = []
     try:
         takers = _takers(orders, lines)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.errors import SettingsError
+from gazempc.live.process import start_child
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.camera.source import CameraSource
@@ -67,11 +67,7 @@ class Feed:
         self._stop, self._due, self._due_s = False, threading.Event(), -math.inf
         # Held while sending: a run on a simulated clock sends, too.
         self._sending = threading.Lock()
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self.process = context.Process(target=serve, args=(orders, theirs), name="view", daemon=True)
-        self.process.start()
-        theirs.close()
+        self.process, self._pipe = start_child("view", serve, orders)
         answer: object = "the process for viewers did not start"
         with suppress(EOFError, OSError):
             if self._pipe.poll(_READY_WITHIN_S):

@@ -19,7 +19,7 @@ from gazempc.errors import SettingsError
 from gazempc.live.sources.wires import is_loopback
 from gazempc.live.view.orders import LOOPBACK, named
 from gazempc.loop.events import MEANINGS
-from gazempc.neck.kinematics import gaze_ray
+from gazempc.neck.kinematics import angle_between_rad, gaze_ray
 from gazempc.results.log import RunInfo
 from gazempc.results.moments import (
     AttendedMoment,
@@ -122,7 +122,7 @@ class Snapshots:
         target_m = known_m if self._knows_true_head else new_m
         in_view = None if target_m is None else _in_view_deg(eye_m, gaze, target_m)
         forecast_m = [] if seen is None or not np.isfinite(seen.means_base_m).all() else list(seen.means_base_m)
-        error_deg = math.nan if target_m is None else _angle_deg(gaze, target_m - eye_m)
+        error_deg = math.nan if target_m is None else math.degrees(angle_between_rad(gaze, target_m - eye_m))
         ellipses = [] if seen is None or not forecast_m else [_ellipse(each) for each in seen.covariances_m2]
         state = {
             "time_s": tick.time_s,
@@ -160,18 +160,13 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _angle_deg(gaze: FloatArray, to_target: FloatArray) -> float:
-    across = float(np.linalg.norm(np.cross(gaze, to_target)))
-    return math.degrees(math.atan2(across, float(gaze @ to_target)))
-
-
 def _in_view_deg(eye_m: FloatArray, gaze: FloatArray, target_m: FloatArray) -> list[float]:
     """Where a place is in the field of view: how far from the gaze to the left and up, degrees."""
     to_target = target_m - eye_m
     left = np.array([-gaze[1], gaze[0], 0.0])
     left /= max(float(np.linalg.norm(left)), 1e-9)
     up = np.cross(gaze, left)
-    angle_deg = _angle_deg(gaze, to_target)
+    angle_deg = math.degrees(angle_between_rad(gaze, to_target))
     sideways, upwards = float(left @ to_target), float(up @ to_target)
     length = math.hypot(sideways, upwards)
     return [0.0, 0.0] if length == 0.0 else [angle_deg * sideways / length, angle_deg * upwards / length]
@@ -283,16 +278,14 @@ class _Handler(BaseHTTPRequestHandler):
         return not self._page.on_loopback or host in {*LOOPBACK, self._page.host}
 
     def _answer(self, content: bytes, kind: str) -> None:
-        self.send_response(HTTPStatus.OK)
-        self._headers(kind)
+        self._begin(kind)
         self.send_header("Content-Length", str(len(content)))
         self.end_headers()
         self.wfile.write(content)
 
     def _stream(self, page: WebPage) -> None:
         self.close_connection = True
-        self.send_response(HTTPStatus.OK)
-        self._headers("text/event-stream")
+        self._begin("text/event-stream")
         self.send_header("Connection", "close")
         self.end_headers()
         try:
@@ -316,14 +309,12 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(f"{before}event: {name}\ndata: {text}\n\n".encode())
         self.wfile.flush()
 
-    def _headers(self, kind: str) -> None:
-        for name, value in (
-            ("Content-Type", kind),
-            ("Cache-Control", "no-store"),
-            ("Content-Security-Policy", _POLICY),
-            ("X-Content-Type-Options", "nosniff"),
-        ):
-            self.send_header(name, value)
+    def _begin(self, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("Content-Security-Policy", _POLICY)
+        self.send_header("X-Content-Type-Options", "nosniff")
 
     def log_message(self, format: str, *args: Any) -> None:
         """Requests are of no interest to who watches the run."""

@@ -42,9 +42,7 @@ def sight_sds(positions_m: FloatArray, along: AlongError, across: AcrossError) -
         White error and wander, each of shape (N, 3), metres.
     """
     range_m = np.linalg.norm(positions_m, axis=1)
-    errors = (along, across, across)
-    white = np.stack([error.noise_sd_m(range_m) for error in errors], axis=1)
-    slow = np.stack([error.wander_sd_m(range_m) for error in errors], axis=1)
+    white, slow = np.stack([error.sds_m(range_m) for error in (along, across, across)], axis=-1)
     return white, slow
 
 

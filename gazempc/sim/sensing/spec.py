@@ -54,13 +54,9 @@ class SensorSpec(BaseModel):
     view: FieldOfView = FieldOfView()
 
     @model_validator(mode="after")
-    def _range_is_not_empty(self) -> SensorSpec:
+    def _values_fit_each_other(self) -> SensorSpec:
         if self.range_min_m >= self.range_max_m:
             raise ValueError(f"range_min_m ({self.range_min_m}) must be less than range_max_m ({self.range_max_m})")
-        return self
-
-    @model_validator(mode="after")
-    def _what_is_stated_is_not_zero(self) -> SensorSpec:
         errors: dict[str, SightError] = {"along": self.along, "across": self.across}
         certain = [name for name, error in errors.items() if not (self.each_axis_sd_m or error.depends_on_sight)]
         if self.states_covariance and certain:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from gazempc.neck.kinematics import pan_tilt_rad
 from gazempc.types import BoolArray, FloatArray
 
 
@@ -36,13 +37,11 @@ class SightError(_Table):
         """Whether there is such an error."""
         return any((self.noise_m, self.wander_m, *self._shares))
 
-    def noise_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the white error at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.noise_m, self._shares[0] * range_m))
-
-    def wander_sd_m(self, range_m: FloatArray) -> FloatArray:
-        """Standard deviation of the wander at ranges, metres, in their shape."""
-        return np.asarray(np.hypot(self.wander_m, self._shares[1] * range_m))
+    def sds_m(self, range_m: FloatArray) -> FloatArray:
+        """Standard deviations of white error and wander at ranges, shape (N,), metres; shape (2, N)."""
+        noise_share, wander_share = self._shares
+        sds_m = np.hypot(self.noise_m, noise_share * range_m), np.hypot(self.wander_m, wander_share * range_m)
+        return np.array(sds_m)
 
 
 class AlongError(SightError):
@@ -196,9 +195,7 @@ class FieldOfView(_Table):
         Returns:
             Shape (N,).
         """
-        x, y, z = positions_m.T
-        azimuth_deg = np.degrees(np.arctan2(y, x))
-        elevation_deg = np.degrees(np.arctan2(z, np.hypot(x, y)))
+        azimuth_deg, elevation_deg = np.degrees(pan_tilt_rad(positions_m)).T
         return np.asarray(
             (np.abs(azimuth_deg) <= self.horizontal_deg / 2) & (np.abs(elevation_deg) <= self.vertical_deg / 2)
         )

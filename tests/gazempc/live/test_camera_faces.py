@@ -153,7 +153,7 @@ def test_a_file_that_cannot_be_used_is_refused(tmp_path, fields, named):
 
 
 def facing_deg(head):
-    front = Rotation.from_quat(head.quat_wxyz, scalar_first=True).apply([1, 0, 0])
+    front = Rotation.from_quat(head.head_quat_wxyz, scalar_first=True).apply([1, 0, 0])
     return np.rad2deg(np.arctan2(front[1], front[0])) % 360
 
 
@@ -162,8 +162,8 @@ def facing_deg(head):
 def test_an_exact_face_is_found_where_it_is(eyes_m, yaw_deg):
     eyes_m = np.array(eyes_m)
     head = head_from_points(points_of(eyes_m, yaw_deg), 1e-4)
-    assert np.linalg.norm(head.position_m) == pytest.approx(np.linalg.norm(eyes_m), rel=0.02)
-    across_m = head.position_m - eyes_m * (head.position_m @ eyes_m) / (eyes_m @ eyes_m)
+    assert np.linalg.norm(head.head_position_base_m) == pytest.approx(np.linalg.norm(eyes_m), rel=0.02)
+    across_m = head.head_position_base_m - eyes_m * (head.head_position_base_m @ eyes_m) / (eyes_m @ eyes_m)
     assert np.rad2deg(np.linalg.norm(across_m) / np.linalg.norm(eyes_m)) < 0.05
     expected_deg = 180 + yaw_deg + np.rad2deg(np.arctan2(eyes_m[1], eyes_m[0]))
     assert facing_deg(head) == pytest.approx(expected_deg, abs=2.5)  # what is likely draws it to the front a little
@@ -172,8 +172,8 @@ def test_an_exact_face_is_found_where_it_is(eyes_m, yaw_deg):
 def test_the_range_is_uncertain_and_the_bearing_is_not():
     eyes_m = np.array([2.0, 0.8, -0.3])
     head = head_from_points(points_of(eyes_m, 10), 0.001)
-    variances, axes = np.linalg.eigh(head.covariance_m2)
-    sight = head.position_m / np.linalg.norm(head.position_m)
+    variances, axes = np.linalg.eigh(head.position_covariance_m2)
+    sight = head.head_position_base_m / np.linalg.norm(head.head_position_base_m)
     assert abs(axes[:, 2] @ sight) == pytest.approx(1.0, abs=1e-6)
     assert np.sqrt(variances[2]) / np.linalg.norm(eyes_m) == pytest.approx(0.105, abs=0.01)
     assert np.rad2deg(np.sqrt(variances[:2]) / np.linalg.norm(eyes_m)) == pytest.approx([0.15, 0.15], abs=0.07)
@@ -185,15 +185,15 @@ def test_errors_of_the_points_are_as_large_as_stated():
     eyes_m, sd = np.array([2.5, -0.5, 0.2]), 0.002
     heads = [head_from_points(points_of(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd) for _ in range(60)]
     head, yaws = heads[-1], [facing_deg(each) for each in heads]
-    bearings = [np.cross(each.position_m, eyes_m) / (eyes_m @ eyes_m) for each in heads]
-    stated_yaw = [np.rad2deg(each.yaw_sd_rad) for each in heads]
+    bearings = [np.cross(each.head_position_base_m, eyes_m) / (eyes_m @ eyes_m) for each in heads]
+    stated_yaw = [np.rad2deg(each.head_yaw_sd_rad) for each in heads]
     measured_rad = np.sqrt(np.mean(np.sum(np.square(bearings), axis=1)) / 2)
-    stated_rad = np.sqrt(np.linalg.eigvalsh(head.covariance_m2)[0]) / np.linalg.norm(eyes_m)
+    stated_rad = np.sqrt(np.linalg.eigvalsh(head.position_covariance_m2)[0]) / np.linalg.norm(eyes_m)
     assert 0.3 * stated_rad < measured_rad < 1.1 * stated_rad  # stated are differences between faces, too
     assert 0.3 * np.mean(stated_yaw) < np.std(yaws) < 1.1 * np.mean(stated_yaw)
 
 
 def test_a_face_of_a_few_blurred_pixels_has_no_yaw():
     head = head_from_points(points_of(np.array([4.0, 0.0, 0.0]), 0), 0.02)
-    assert head.quat_wxyz is None
-    assert head.yaw_sd_rad is None
+    assert head.head_quat_wxyz is None
+    assert head.head_yaw_sd_rad is None

@@ -34,6 +34,13 @@ def test_a_path_keeps_speed_and_duration_and_ends_at_the_place(at_m, speed_rad_s
     assert (step_rad / np.diff(times_s)).max() <= speed_rad_s
 
 
+@pytest.mark.parametrize("ahead_m", [2.0, -2.0])
+def test_a_path_begins_where_the_gaze_is_straight_ahead_and_straight_behind(ahead_m):
+    forward, target_m = np.array([1.0, 0.0, 0.0]), np.array([ahead_m, 0.0, 0.0])
+    seen = Place.reached(target_m, np.zeros(3), forward, 2.0, 1.0, np.inf).at(np.array([2.0, 3.0]))
+    np.testing.assert_allclose(seen, [2.0 * forward, target_m], atol=1e-9)
+
+
 @pytest.mark.slow
 def test_a_place_outranks_a_person_until_it_is_withdrawn():
     neck = gz.load_neck("reference")

@@ -107,11 +107,9 @@ class Pictures(Protocol):
         Returns:
             The picture; a text or a notice if something is wrong for now; None if nothing more will come.
         """
-        ...
 
     def close(self) -> None:
         """Let the camera go."""
-        ...
 
 
 class VideoFile:

@@ -48,7 +48,6 @@ class Detector(Protocol):
         self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
     ) -> list[Face]:
         """Faces in a square of a picture, the surest first."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,17 +255,9 @@ class FaceSensor:
         Returns:
             Each person, by name, in the camera's frame: x along the view, y left, z up.
         """
-        return [self._observation(person, time_s) for person in self._finder.see(picture, time_s)]
-
-    def _observation(self, person: Followed, time_s: float) -> HeadObservation:
-        rays = self._intrinsics.rays(person.face.points_px)
-        head = head_from_points(rays, POINT_SD * person.side_px / self._intrinsics.focal_px, person.face.score)
-        return HeadObservation(
-            capture_time_s=time_s,
-            head_position_base_m=head.position_m,
-            head_quat_wxyz=head.quat_wxyz,
-            position_covariance_m2=head.covariance_m2,
-            head_yaw_sd_rad=head.yaw_sd_rad,
-            person_id=person.person_id,
-            confidence=person.face.score,
-        )
+        heads = []
+        for person in self._finder.see(picture, time_s):
+            rays = self._intrinsics.rays(person.face.points_px)
+            point_sd = POINT_SD * person.side_px / self._intrinsics.focal_px
+            heads.append(head_from_points(rays, point_sd, person.face.score, time_s, person.person_id))
+        return heads

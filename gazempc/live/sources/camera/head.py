@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from gazempc.types import FloatArray
+from predictors import HeadObservation
 from predictors.geometry import bearing_covariance
 
 # Mean adult, metres from the point between the eyes: x to the front, y to the person's left, z up. Pupils: 63 mm apart
@@ -41,24 +41,9 @@ _BEARING_SD_RAD = math.radians(0.08)
 _YAW_SD_MAX_RAD = math.radians(20.0)
 
 
-@dataclass(frozen=True)
-class Head:
-    """A head in the camera's frame: x along the view, y left, z up.
-
-    Attributes:
-        position_m: The point between the eyes, shape (3,), metres.
-        covariance_m2: Covariance of its error, shape (3, 3): long along the line of sight.
-        quat_wxyz: Orientation, shape (4,); None where the face does not show it.
-        yaw_sd_rad: Standard deviation of the yaw, radians; None without an orientation.
-    """
-
-    position_m: FloatArray
-    covariance_m2: FloatArray
-    quat_wxyz: FloatArray | None
-    yaw_sd_rad: float | None
-
-
-def head_from_points(rays: FloatArray, point_sd: float, score: float = 1.0) -> Head:
+def head_from_points(
+    rays: FloatArray, point_sd: float, score: float = 1.0, time_s: float = 0.0, person_id: str | None = None
+) -> HeadObservation:
     """Fit the mean face to the key points of a face.
 
     The most likely pose, by least squares: errors of the points against what is known of heads before.
@@ -67,13 +52,16 @@ def head_from_points(rays: FloatArray, point_sd: float, score: float = 1.0) -> H
         rays: Where the key points are seen: left and up of the line of view, as tangents, shape (6, 2).
         point_sd: Standard deviation of the network's errors, as a tangent.
         score: How sure the network is that this is a face.
+        time_s: When the picture was captured, seconds.
+        person_id: Name of the person.
 
     Returns:
-        The head.
+        The point between the eyes in the camera's frame (x along the view, y left, z up), with a covariance that is
+        long along the line of sight; its orientation where the face shows it.
     """
     eyes = rays[:2].mean(axis=0)
-    spread = float(np.sqrt(np.mean(np.sum((rays - rays.mean(axis=0)) ** 2, axis=1))))
-    range_m = float(np.sqrt(np.mean(np.sum((_FACE_M[:, 1:] - _FACE_M[:, 1:].mean(axis=0)) ** 2, axis=1)))) / spread
+    # As large as it looks, the mean face is so far away.
+    range_m = math.sqrt(_FACE_M[:, 1:].var(axis=0).sum() / rays.var(axis=0).sum())
     towards_rad = math.atan(eyes[0])
     doubt = max(1.0, _SURE_SCORE / score)
 
@@ -100,9 +88,12 @@ def head_from_points(rays: FloatArray, point_sd: float, score: float = 1.0) -> H
     yaw_sd_rad = math.sqrt(covariance[3, 3])
     shown = yaw_sd_rad < _YAW_SD_MAX_RAD
     turn = Rotation.from_euler("ZYX", [math.pi + towards_rad + yaw, pitch, roll])
-    return Head(
+    return HeadObservation(
+        time_s,
         position_m,
-        bearing_covariance(position_m, bearing_sd_rad, range_sd_m),
-        turn.as_quat(scalar_first=True) if shown else None,
-        yaw_sd_rad if shown else None,
+        head_quat_wxyz=turn.as_quat(scalar_first=True) if shown else None,
+        position_covariance_m2=bearing_covariance(position_m, bearing_sd_rad, range_sd_m),
+        head_yaw_sd_rad=yaw_sd_rad if shown else None,
+        person_id=person_id,
+        confidence=score,
     )

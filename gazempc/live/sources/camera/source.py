@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -13,8 +12,9 @@ from typing import Any
 
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
+from gazempc.live.process import start_child
 from gazempc.live.sources.camera.capture import CameraOptions
-from gazempc.live.sources.camera.worker import Failed, Message, Opened, Shown, serve
+from gazempc.live.sources.camera.worker import Failed, Message, Opened, serve
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.results.moments import Moment, PictureMoment
 from gazempc.robots.ptz_emulator import EMULATOR, picture_url
@@ -38,7 +38,6 @@ class CameraSource:
             camera of your own.
         options: What to ask of it.
         clock: The loop's clock.
-        say: Takes a line about the camera.
         own: Values for the constructor of a camera of your own.
 
     Attributes:
@@ -53,13 +52,11 @@ class CameraSource:
         address: str,
         options: CameraOptions,
         clock: Clock,
-        say: Callable[[str], None] | None = None,
         own: Mapping[str, Any] | None = None,
     ) -> None:
         if options.calibration is not None and options.fov_deg is not None:
             raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")
         self._address, self._options, self._clock, self._own = address, options, clock, own
-        self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
         self.half_view_rad: tuple[float, float] | None = None
         self._process: SpawnProcess | None = None
         self._messages: Connection | None = None
@@ -78,13 +75,9 @@ class CameraSource:
         """See `gazempc.live.sources.source.Source.open`; waits for the first picture."""
         if self._process is not None:
             return
-        context = multiprocessing.get_context("spawn")
-        self._messages, theirs = context.Pipe(duplex=False)
         address = picture_url() if self._address == EMULATOR else self._address
-        args = (address, self._options, theirs, self._watch is not None, self._own)
-        self._process = context.Process(target=serve, args=args, name="camera", daemon=True)
-        self._process.start()
-        theirs.close()
+        given = address, self._options, self._watch is not None, self._own
+        self._process, self._messages = start_child("camera", serve, *given)
         self._ended = False
         try:
             self._wait_for_picture()
@@ -94,13 +87,11 @@ class CameraSource:
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
-        messages: list[Message] = []
         now_s, to_loop_s = self._clock.now_s(), self._clock.from_monotonic_s
-        while not self._ended and self._messages is not None and self._messages.poll():
-            messages.append(self._next())
+        messages = list(iter(self._next, None))
         for message in messages:
-            if isinstance(message, Shown) and self._watch is not None:
-                self._watch(PictureMoment(to_loop_s(message.captured_s), message.jpeg))
+            if isinstance(message, PictureMoment) and self._watch is not None:
+                self._watch(message._replace(time_s=to_loop_s(message.time_s)))
         seen = [each for each in messages if isinstance(each, HeadObservation)]
         problems = [
             each.why if isinstance(each, Failed) else each for each in messages if isinstance(each, str | Failed)
@@ -132,22 +123,22 @@ class CameraSource:
 
     def _wait_for_picture(self) -> None:
         until_s, name = time.monotonic() + _OPENS_WITHIN_S, f"source camera:{self._address}".rstrip(":")
-        while self._messages is not None and self._messages.poll(max(until_s - time.monotonic(), 0.0)):
-            message = self._next()
+        while (message := self._next(max(until_s - time.monotonic(), 0.0))) is not None:
             if isinstance(message, Opened):
                 self.half_view_rad = message.half_view_rad
-                self._say(f"{name}: {message.about}")
+                print(f"{name}: {message.about}", file=sys.stderr, flush=True)
                 return
             if isinstance(message, Failed):
                 raise SourceError(message.why or f"{name}: it has no picture")
         raise SourceError(f"{name}: no picture within {_OPENS_WITHIN_S:.0f} s; is another program using it?")
 
-    def _next(self) -> Message:
-        assert self._messages is not None
+    def _next(self, wait_s: float = 0.0) -> Message | None:
+        """The next message; None if none comes within a time."""
+        if self._messages is None or self._ended:
+            return None
         try:
-            message: Message = self._messages.recv()
+            message: Message | None = self._messages.recv() if self._messages.poll(wait_s) else None
         except (EOFError, OSError):
             message = Failed("the process of the camera has gone")
-        if isinstance(message, Failed):
-            self._ended = True
+        self._ended = isinstance(message, Failed)
         return message

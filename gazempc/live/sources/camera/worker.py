@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import GazempcError
-from gazempc.live.process import second_to_the_run
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Pictures, open_pictures
 from gazempc.live.sources.camera.finder import FaceSensor
@@ -23,6 +22,7 @@ from gazempc.live.sources.source import Notice, SourceError
 from gazempc.loop.events import Event
 from gazempc.parts import error_line
 from gazempc.people.tracker_faults import LOW_RATE_HZ, is_low_rate
+from gazempc.results.moments import PictureMoment
 from predictors import HeadObservation
 
 _WINDOW_S, _LEAST_PICTURES, _LEAST_FACES = 4.0, 4, 3
@@ -82,19 +82,6 @@ _QUALITY = 60
 _PERIOD_S = 0.2
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A small picture.
-
-    Attributes:
-        captured_s: When it was captured, on the clock of `time.monotonic`, seconds.
-        jpeg: The picture.
-    """
-
-    captured_s: float
-    jpeg: bytes
-
-
 def _small(cv2: Any, rgb: Any) -> bytes:
     height, width = rgb.shape[:2]
     size = (_WIDTH_PX, max(1, round(height * _WIDTH_PX / width)))
@@ -127,17 +114,11 @@ class Failed:
     why: str = ""
 
 
-# Observations have capture times on the clock of `time.monotonic`; a text is something that was wrong for a moment.
-Message = Opened | Failed | HeadObservation | Notice | Shown | str
+# Times of capture are on the clock of `time.monotonic`; a text is something that was wrong for a moment.
+Message = Opened | Failed | HeadObservation | Notice | PictureMoment | str
 
 
-def serve(
-    address: str,
-    options: CameraOptions,
-    parent: Connection,
-    shows: bool = False,
-    own: Mapping[str, Any] | None = None,
-) -> None:
+def serve(parent: Connection, address: str, options: CameraOptions, shows: bool, own: Mapping[str, Any] | None) -> None:
     """Work until nothing more comes or the parent is gone.
 
     Args:
@@ -147,7 +128,6 @@ def serve(
         shows: Whether small pictures go there, too.
         own: Values for the constructor of a camera of your own.
     """
-    second_to_the_run()
     # The camera is let go in order.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
@@ -176,9 +156,9 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
                 raise SourceError(f"source camera:{address}: a picture is not RGB, shape (height, width, 3), uint8")
             if sensor is None:
                 height, width = picture.rgb.shape[:2]
-                intrinsics = intrinsics_of(options, width, height)
+                intrinsics, about = _lens(options, width, height)
                 sensor = FaceSensor(detector, intrinsics)
-                parent.send(Opened(_about(options, width, height), intrinsics.half_view_rad(width, height)))
+                parent.send(Opened(about, intrinsics.half_view_rad(width, height)))
             captured_s = picture.captured_s - 1e-3 * options.latency_ms
             if captured_s <= latest_s:
                 continue  # a driver that gives a picture twice
@@ -191,37 +171,20 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
                 parent.send(Notice(Event.LOW_FRAME_RATE, why, 0))
             if shows and captured_s - shown_s >= _PERIOD_S:
                 shown_s = captured_s
-                parent.send(Shown(captured_s, _small(cv2, picture.rgb)))
+                parent.send(PictureMoment(captured_s, _small(cv2, picture.rgb)))
     finally:
         pictures.close()
 
 
-def intrinsics_of(options: CameraOptions, width: int, height: int) -> Intrinsics:
-    """Which way each pixel looks.
-
-    Args:
-        options: Field of view or calibration.
-        width: Width of the pictures, pixels.
-        height: Height, pixels.
-
-    Returns:
-        The camera.
-
-    Raises:
-        SettingsError: If the calibration cannot be used.
-    """
-    if options.calibration is not None:
-        return from_calibration(options.calibration, width, height)
-    return from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height)
-
-
-def _about(options: CameraOptions, width: int, height: int) -> str:
+def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, str]:
+    """Which way each pixel looks, and a line about it."""
     about = f"{width} x {height} pixels, "
     if options.calibration is not None:
-        return f"{about}calibrated by {options.calibration}"
+        return from_calibration(options.calibration, width, height), f"{about}calibrated by {options.calibration}"
+    intrinsics = from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height)
     if options.fov_deg is not None:
-        return f"{about}{options.fov_deg:g} degrees across"
-    return (
+        return intrinsics, f"{about}{options.fov_deg:g} degrees across"
+    return intrinsics, (
         f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: directions and distances are wrong by as much as this is; "
         "set --camera.fov-deg, or give --camera.calibration"
     )
