@@ -205,7 +205,7 @@ def _page(summary: Row, done: Sequence[Row], plots: Iterable[Plot], pictures: It
             "how": " ".join(_about(summary, done)),
         },
         tables=tuple(_tables(summary)),
-        charts=tuple(plot.chart() for plot in plots),
+        charts=tuple(plots),
         pictures={path: path.stem.replace("_", " ") for path in pictures},
         unusual=tuple(_unusual(summary, done)),
         command=command,

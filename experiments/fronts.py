@@ -9,7 +9,6 @@ its 95 % interval over people, and the point where the case does worst. With eye
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -22,9 +21,8 @@ from scipy.stats import gmean
 
 from experiments.aggregate import GROUP_ORDER
 from experiments.engine.command import Command
-from experiments.pages import markdown
+from experiments.pages import markdown, write_json
 from gazempc.errors import SettingsError
-from gazempc.files.whole import write_whole
 from gazempc.settings import Settings
 from gazempc.types import FloatArray
 
@@ -165,7 +163,7 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
             ours, rival = (measured(rows, names) for rows in of)
             compared = gaps(ours, rival, [whose[name] for name in names])
             found.append(dict(zip(by, place, strict=True)) | {"group": group} | compared)
-    write_whole(settings.sweep / "fronts.json", json.dumps(found, indent=2) + "\n")
+    write_json(settings.sweep / "fronts.json", found)
     print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
     head = (*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst")
     rows = (

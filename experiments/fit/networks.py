@@ -142,15 +142,12 @@ def fit_networks(
     fitted = []
     for k in range(networks):
         rng = np.random.default_rng([seed, k])
-        layers = [
-            (
-                jnp.asarray(
-                    rng.standard_normal((a, b)) * (1.0 if i < len(sizes) - 2 else 0.1) / np.sqrt(a), dtype=jnp.float32
-                ),
-                jnp.asarray(begins if i == len(sizes) - 2 else np.zeros(b), dtype=jnp.float32),
-            )
-            for i, (a, b) in enumerate(pairwise(sizes))
-        ]
+        layers = []
+        for i, (a, b) in enumerate(pairwise(sizes)):
+            is_last = i == len(HIDDEN)
+            weights = rng.standard_normal((a, b)) * (0.1 if is_last else 1.0) / np.sqrt(a)
+            biases = begins if is_last else np.zeros(b)
+            layers.append(tuple(jnp.asarray(each, dtype=jnp.float32) for each in (weights, biases)))
         found = [(np.asarray(W), np.asarray(b)) for W, b in fit(layers, table, jax.random.key(1000 * seed + k))]
         first = np.zeros((N_INPUTS, HIDDEN[0]), dtype=np.float32)
         first[shown] = found[0][0]

@@ -168,22 +168,6 @@ class PaperSettings(WorkSettings):
     out: Path = Field(default=Path("out/paper"), description="Where to write; an interrupted run goes on there")
 
 
-def validate(**settings: Any) -> dict[str, Row]:
-    """Validate each data set as the paper does, and write tables and figures.
-
-    Args:
-        **settings: Any of `PaperSettings`, such as ``recordings=["synthetic"], out="out/paper"``.
-
-    Returns:
-        The content of ``summary.json`` by the name of the data set.
-
-    Raises:
-        GazempcError: If no recording of a data set can be scored, or it has fewer than two subjects.
-        MissingOptionalDependencyError: Without Optuna.
-    """
-    return _validate(PaperSettings.of("paper", settings))
-
-
 def _run(settings: PaperSettings, _: str) -> int:
     summaries = _validate(settings)
     print(f"Written to {settings.out}/")

@@ -11,11 +11,9 @@ if __name__ == "__main__":  # before the other imports, which are slow
 
     end_during_imports("rivals.framing")
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -25,7 +23,7 @@ from experiments.aggregate import bootstrap_mean
 from experiments.engine.command import Command, WorkSettings, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.pages import markdown, with_ends
+from experiments.pages import markdown, with_ends, write_rows
 from experiments.plots import Plot, draw, points
 from experiments.rivals.jobs import RivalJob, check_names
 from experiments.rivals.laws import RIVALS
@@ -33,7 +31,7 @@ from experiments.rivals.simulate import simulate
 from experiments.rivals.trials import STAND, STOP, Trial, make_trial
 from gazempc.files.whole import write_whole
 from gazempc.neck.speed_steps import SpeedSteps
-from gazempc.results.run_summary import versions, without_nan
+from gazempc.results.run_summary import without_nan
 from gazempc.settings import DEFAULT_PREDICTOR, LoopSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
@@ -234,8 +232,7 @@ def _run(settings: FramingSettings, command: str) -> int:
     rows = summarise([run for run in runs if not run["failed"] and not run["left_out"]])
     text = "\n".join([*_verdicts(rows), "", table(rows), f"`{command}`", ""])
     write_whole(settings.out / "framing.md", text)
-    saved: Mapping[str, Any] = {"settings": settings.saved(), "versions": versions(), "rows": rows}
-    write_whole(settings.out / "framing.json", json.dumps(saved, indent=2) + "\n")
+    write_rows(settings.out / "framing.json", settings.saved(), rows)
     draw(plots_of(rows), settings.out / "framing.png", "means over clips, 95 % intervals over people", rows=2)
     print(text)
     for run in failed:

@@ -198,10 +198,10 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
             value_text(one) if by == "case" or len({case for case, _ in series}) == 1 else f"{case}, {value_text(one)}"
         )
         places = np.array(at if numeric else [ticks.index(tick) for tick in at], dtype=np.float64)
-        lines.append(Line(label, _colour(rows, by, one, i, case), places, mean, np.stack([low, high], axis=1)))
+        lines.append(Line(label, _colour(rows, by, one, i, case), places, mean, ends=np.stack([low, high], axis=1)))
     title = f"{with_unit(metric)} over {with_unit(x)}"
     names = () if numeric else tuple(map(value_text, ticks))
-    return Plot(title, with_unit(x), with_unit(metric), tuple(lines), with_unit(by), names)
+    return Plot(title, with_unit(x), with_unit(metric), tuple(lines), legend=with_unit(by), ticks=names)
 
 
 def _pareto(plan: SweepPlan, table: Sequence[Row], x: str, y: str, by: str) -> Plot:
@@ -216,7 +216,7 @@ def _pareto(plan: SweepPlan, table: Sequence[Row], x: str, y: str, by: str) -> P
             Line(value_text(one), _colour(table, by, one, i), points[:, 0], points[:, 1], names=names, beside=every)
         )
     title = f"{with_unit(y)} against {with_unit(x)}: Pareto fronts"
-    return Plot(title, with_unit(x), with_unit(y), tuple(lines), with_unit(by))
+    return Plot(title, with_unit(x), with_unit(y), tuple(lines), legend=with_unit(by))
 
 
 def point_name(plan: SweepPlan, row: Row) -> str:
@@ -287,7 +287,7 @@ def sweep_page(
             "seed": str(summary["seed"]),
         },
         tables=(means_table(plan, table, "Means over clips"),),
-        charts=tuple(plot.chart() for plot in plots if not plot.ticks),
+        charts=tuple(plot for plot in plots if not plot.ticks),
         pictures={path: f"{plot.y_label} over {plot.x_label}" for path, plot in pictures.items()},
         unusual=tuple(unusual(summary, summary["limit_violations"])),
         command=command,
