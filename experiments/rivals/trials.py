@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -155,7 +154,6 @@ def _alone(
         head_quat_wxyz=faces,
         pelvis_position_m=head_m - [0.0, 0.0, 0.7],
         pelvis_quat_wxyz=faces,
-        valid=np.ones(times_s.size, dtype=np.bool_),
     )
     return Recording(name, "synthetic", "synthetic", times_s, track, None, True, Labels(subject="synthetic"))
 
@@ -176,7 +174,6 @@ def _stopping(walk: Recording) -> Recording:
         return np.concatenate([rows[: last + 1], np.tile(rows[last], (since_s.size, 1))])
 
     longer = _each(track, lambda name, rows: (stops if name.endswith("_m") else stays)(rows))
-    longer = replace(longer, valid=np.concatenate([track.valid[: last + 1], np.ones(since_s.size, dtype=np.bool_)]))
     times_s = np.concatenate([walk.times_s[: last + 1], walk.times_s[last] + since_s])
     return replace(walk, times_s=times_s, truth=longer, measured=None)
 
@@ -184,16 +181,13 @@ def _stopping(walk: Recording) -> Recording:
 def _hidden(walk: Recording, from_s: float, to_s: float) -> Recording:
     """The same walk, unseen for a time."""
     hidden = (walk.times_s >= from_s) & (walk.times_s < to_s)
-
     seen = _each(walk.truth, lambda _, rows: np.where(hidden[:, None], np.nan, rows))
-    return replace(walk, truth=replace(seen, valid=walk.truth.valid & ~hidden), measured=None)
+    return replace(walk, truth=seen, measured=None)
 
 
 def _each(track: Track, change: Callable[[str, FloatArray], FloatArray]) -> Track:
     """The track with changed positions and orientations."""
-    names = ("head_position_m", "head_quat_wxyz", "pelvis_position_m", "pelvis_quat_wxyz")
-    changed: dict[str, Any] = {name: change(name, getattr(track, name)) for name in names}
-    return replace(track, **changed)
+    return Track(*(change(name, rows) for name, rows in vars(track).items()))
 
 
 # The final angle is the median of so long at the end.

@@ -200,7 +200,6 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
             PELVIS_HEIGHT_RATIO * sway_m, gait.pelvis_left_m, PELVIS_HEIGHT_RATIO * walker.head_height_m
         ),
         pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad, level, level),
-        valid=np.ones(times_s.size, dtype=np.bool_),
     )
 
 
