@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # A longer list would hide the message; its first and last name show the pattern.
@@ -54,6 +55,24 @@ class MissingOptionalDependencyError(GazempcError):
 
     def __init__(self, feature: str, package: str, extra: str) -> None:
         super().__init__(f"{feature} needs the package {package!r}: pip install {package} (extra {extra!r} of gazempc)")
+
+
+@contextmanager
+def importing(feature: str, package: str, extra: str) -> Iterator[None]:
+    """Imports of an optional package stand in here.
+
+    Args:
+        feature: What needs it, for the message.
+        package: Its name, as pip takes it.
+        extra: The extra that has it.
+
+    Raises:
+        MissingOptionalDependencyError: If an import fails.
+    """
+    try:
+        yield
+    except ImportError:
+        raise MissingOptionalDependencyError(feature, package, extra) from None
 
 
 def shown(value: object, limit: int = 40) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from experiments.engine.engine import read_result
 from experiments.engine.job import Row, key_of, recording_hash
 from experiments.fit.examples import Examples, fitting_examples, join, scoring_examples
-from gazempc.errors import MissingOptionalDependencyError
+from gazempc.errors import importing
 from gazempc.sim.sensor import SensorSpec
 from predictors.walker import network as walker
 from predictors.walker.features import CORRELATION, LOG_SD, N_INPUTS, NOISE_SCALE_M, OF_YAWS
@@ -86,12 +86,10 @@ def fit_networks(
     Raises:
         MissingOptionalDependencyError: If jax or optax is not installed.
     """
-    try:
+    with importing("fitting a predictor", "jax optax", "fit"):
         import jax  # noqa: PLC0415
         import jax.numpy as jnp  # noqa: PLC0415
         import optax  # noqa: PLC0415
-    except ImportError:
-        raise MissingOptionalDependencyError("fitting a predictor", "jax optax", "fit") from None
 
     shown = np.arange(N_INPUTS) if sees_yaws else np.setdiff1d(np.arange(N_INPUTS), OF_YAWS)
     # Given as an argument: numbers that a compiled function closes over are copied, and there are gigabytes of them.

@@ -17,7 +17,7 @@ from gazempc.errors import LeftOutError, PlacementError
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Labels, Recording, Track
-from gazempc.results.contact import CONTACT_DEG, time_to_stable
+from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.motion import reversals
@@ -256,19 +256,3 @@ def settling_s(times_s: FloatArray, error_deg: FloatArray, within_deg: float) ->
     if not outside.size:
         return 0.0
     return float(times_s[min(outside[-1] + 1, times_s.size - 1)])
-
-
-def recontact_s(log: Log, back_s: float) -> float:
-    """How long after the face is back the gaze is on it again, for at least 0.5 s.
-
-    Args:
-        log: The run.
-        back_s: When the face is back, seconds.
-
-    Returns:
-        Seconds; the rest of the run if it never is.
-    """
-    after = log.time_s >= back_s - 1e-9
-    times_s = log.time_s[after]
-    found = time_to_stable(gaze_error_deg(log)[after] <= CONTACT_DEG[0], times_s, log.neck.servo_period_s)
-    return found if math.isfinite(found) else float(times_s[-1] - times_s[0])

@@ -69,7 +69,7 @@ class _PlannedJoint:
         )
 
 
-class BodyAim:
+class BodyAim(_PlannedJoint):
     """Commands of a body for a person's direction: slowly, it brings the head back to the middle of its range.
 
     Args:
@@ -78,8 +78,7 @@ class BodyAim:
     """
 
     def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
-        self._joint = neck.joint_names.index(BODY_AXIS)
-        self._motion = _PlannedJoint(neck, self._joint, knots_s)
+        super().__init__(neck, neck.joint_names.index(BODY_AXIS), knots_s)
         limits = neck.command_limits
         self._range_rad = limits.position_min_rad[self._joint], limits.position_max_rad[self._joint]
         self._head_rad = _HEAD_SHARE * min(-limits.position_min_rad[0], limits.position_max_rad[0])
@@ -95,10 +94,6 @@ class BodyAim:
         smoothed = self._weights @ pan_rad + self._kept * situation.command.position_rad[self._joint]
         near = np.clip(smoothed, pan_rad - self._head_rad, pan_rad + self._head_rad)
         return np.asarray(np.clip(near, *self._range_rad))
-
-    def angles_rad(self, situation: Situation, planned_rad: FloatArray, ahead_s: FloatArray) -> FloatArray:
-        """Where the body will be: commands at the knots, (K,); times from the plan's start, (H,); angles, (H,)."""
-        return self._motion.angles_rad(situation, planned_rad, ahead_s)
 
 
 class EyeAim:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError
+from gazempc.errors import RobotError, importing
 
 # Of the control table: address, bytes.
 _HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
@@ -57,10 +57,8 @@ class DynamixelBus:
         Raises:
             MissingOptionalDependencyError: If dynamixel-sdk is not installed.
         """
-        try:
+        with importing("a Dynamixel neck", "dynamixel-sdk", "dynamixel"):
             import dynamixel_sdk  # noqa: PLC0415  (optional)
-        except ImportError as error:
-            raise MissingOptionalDependencyError("a Dynamixel neck", "dynamixel-sdk", "dynamixel") from error
         self._sdk = dynamixel_sdk
         self._packets = dynamixel_sdk.PacketHandler(2.0)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError
+from gazempc.errors import RobotError, importing
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.mujoco_model import neck_mjcf, timestep_s
 from gazempc.robots.robot import check_command
@@ -83,10 +83,8 @@ class MujocoNeck:
         """
         if self._data is not None:
             return
-        try:
+        with importing("the MuJoCo neck", "mujoco", "mujoco"):
             import mujoco  # noqa: PLC0415
-        except ImportError:
-            raise MissingOptionalDependencyError("the MuJoCo neck", "mujoco", "mujoco") from None
         try:
             model = mujoco.MjModel.from_xml_string(self.mjcf)
         except ValueError as error:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.errors import RobotError, SettingsError, importing
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import OnvifOptions
 from gazempc.robots.speed_camera import Pair, SpeedCamera
@@ -34,10 +34,8 @@ class OnvifDevice:
     """
 
     def __init__(self, address: str, neck: NeckSpec, options: OnvifOptions) -> None:
-        try:
+        with importing("the robot onvif", "onveef", "ptz"):
             import onveef  # noqa: PLC0415
-        except ImportError:
-            raise MissingOptionalDependencyError("the robot onvif", "onveef", "ptz") from None
         host, _, port = address.partition(":")
         if not host or (port and not (port.isdecimal() and int(port) < 65536)):
             raise SettingsError(f"robot onvif:{address}: accepted: onvif:HOST, onvif:HOST:PORT")

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import MissingOptionalDependencyError, RobotError, SettingsError
+from gazempc.errors import RobotError, SettingsError, importing
 from gazempc.neck.kinematics import head_angles_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import ReachyMiniOptions
@@ -98,10 +98,8 @@ class ReachyMiniNeck:
         """
         if self._threads:
             return
-        try:
+        with importing("Reachy Mini", "websockets", "reachy"):
             import websockets.sync.client  # noqa: PLC0415  (optional)
-        except ImportError as error:
-            raise MissingOptionalDependencyError("Reachy Mini", "websockets", "reachy") from error
         self._lost = ""
         self._stop = stop = threading.Event()
         self._threads = [
