@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import clips_of, groups_of, sensors_of, with_interval
+from experiments.aggregate import clips_of, grouped, groups_of, sensors_of, with_interval
 from experiments.pages import seen_in_fitting, table_of, with_ends
 from experiments.plots import Line, Plot, share_of_clips
 from gazempc.recordings.readers.labels import STANDING
@@ -44,12 +44,12 @@ def summarise(results: Sequence[_Row]) -> list[dict[str, Any]]:
     for sensor in sensors_of(results):
         seen = [r for r in results if r["sensor"] == sensor]
         baselines = {name: {r["recording"]: r for r in reversed(seen) if r["predictor"] == name} for name in _BASELINES}
-        for predictor, cues in dict.fromkeys((r["predictor"], r["cues"]) for r in seen):
+        for (predictor, cues), own in grouped(seen, "predictor", "cues").items():
             for clips in clips_of(seen):
                 named = {"sensor": sensor, "predictor": predictor, "cues": cues, **vars(clips)}
-                chosen = [r for r in seen if (r["predictor"], r["cues"]) == (predictor, cues) and clips.hold(r)]
+                chosen = [r for r in own if clips.hold(r)]
                 for i, horizon_s in enumerate(chosen[0]["horizons_s"] if chosen else ()):
-                    ratios = {f"ratio_to_{name}": _ratio(chosen, own, i) for name, own in baselines.items()}
+                    ratios = {f"ratio_to_{name}": _ratio(chosen, other, i) for name, other in baselines.items()}
                     rows.append({**named, "horizon_s": float(horizon_s), **_figures(chosen, i), **ratios})
     return rows
 
@@ -166,8 +166,7 @@ def forecast_page(summary: _Row, results: Sequence[_Row], pictures: Iterable[Pat
 
 
 def _answers(overall: Sequence[_Row]) -> Iterator[str]:
-    for sensor, cues, horizon_s in dict.fromkeys((r["sensor"], r["cues"], r["horizon_s"]) for r in overall):
-        here = [r for r in overall if (r["sensor"], r["cues"], r["horizon_s"]) == (sensor, cues, horizon_s)]
+    for (sensor, cues, horizon_s), here in grouped(overall, "sensor", "cues", "horizon_s").items():
         known = sorted((r for r in here if r["error_true_mm"] is not None), key=lambda r: float(r["error_true_mm"]))
         errors = ", ".join(f"{r['predictor']} {r['error_true_mm']:.0f} mm" for r in known)
         yield f"Mean error {horizon_s:g} s ahead, sensor {sensor}, cues {cues}: {errors}."

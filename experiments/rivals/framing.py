@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 
 import gazempc as gz
-from experiments.aggregate import bootstrap_mean
+from experiments.aggregate import bootstrap_mean, grouped
 from experiments.engine.command import Command, WorkSettings, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
@@ -161,10 +161,8 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
         A row for each device and law: labels, ``n_clips``, `FIGURES` and their intervals under ``<name>_ci95``.
     """
     rows = []
-    for device, law in dict.fromkeys((run["device"], run["law"]) for run in runs):
-        here = [run for run in runs if (run["device"], run["law"]) == (device, law)]
-        constants = dict.fromkeys(run["constants"] for run in here)
-        tried = [_means([run for run in here if run["constants"] == each]) for each in constants]
+    for here in grouped(runs, "device", "law").values():
+        tried = [_means(each) for each in grouped(here, "constants").values()]
         most = max(row["time_in_zone"] for row in tried)
         level = [row for row in tried if row["time_in_zone"] > most - _LEVEL]
         rows.append(min(level, key=lambda row: float(row["reversals_per_min"])))
@@ -212,8 +210,8 @@ def plots_of(rows: Sequence[Row]) -> list[Plot]:
     plots = []
     axes = {"rms_acceleration_rad_s2": "RMS acceleration (rad/s$^2$)", "reversals_per_min": "reversals a minute"}
     for x, label in axes.items():
-        for device in dict.fromkeys(row["device"] for row in rows):
-            here = {row["law"]: row for row in rows if row["device"] == device}
+        for (device,), of_device in grouped(rows, "device").items():
+            here = {row["law"]: row for row in of_device}
             late_s = DEVICES[device].dead_time_s + DEVICES[device].latency_s
             lines = points(here, x, "time_in_zone", 100.0, {})
             plots.append(Plot(f"{device}, {late_s:.2g} s late", label, "time in zone (%)", lines))

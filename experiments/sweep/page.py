@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import GROUP_ORDER, METRICS, bootstrap_mean, groups_of
+from experiments.aggregate import GROUP_ORDER, METRICS, bootstrap_mean, grouped, groups_of
 from experiments.engine.job import Row
 from experiments.pages import unusual
 from experiments.plots import Line, Plot
@@ -69,11 +69,8 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
         ``<metric>_low`` and ``<metric>_high``; None where there is nothing to say.
     """
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
-    by_point: dict[tuple[str, int], list[Row]] = {}
-    for row in done:
-        by_point.setdefault((row["case"], row["point"]), []).append(row)
     table = []
-    for of_point in by_point.values():
+    for of_point in grouped(done, "case", "point").values():
         for group in groups_of(of_point):
             chosen = [row for row in of_point if group in {"all", row["group"]}]
             people = [str(row["subject"]) for row in chosen]
@@ -186,10 +183,10 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
     ticks = distinct(rows, x)
     numeric = all(isinstance(tick, (int, float)) for tick in ticks)
     # Cases are different questions: a line never averages over them.
-    series = dict.fromkeys((row["case"], row[by]) for row in rows if row[x] is not None)
+    series = grouped((row for row in rows if row[x] is not None), "case", by)
     lines = []
-    for i, (case, one) in enumerate(series):
-        own = [r for r in rows if (r["case"], r[by]) == (case, one) and r[metric] is not None]
+    for i, ((case, one), every) in enumerate(series.items()):
+        own = [r for r in every if r[metric] is not None]
         at = distinct(own, x)
         chosen = [[r for r in own if r[x] == tick] for tick in at]
         means = [bootstrap_mean([r[metric] for r in part], [str(r["subject"]) for r in part]) for part in chosen]
