@@ -150,10 +150,8 @@ def fit_networks(
         first = np.zeros((N_INPUTS, HIDDEN[0]), dtype=np.float32)
         first[shown] = found[0][0]
         fitted.append([(first, found[0][1]), *found[1:]])
-    return (
-        tuple(np.stack([network[i][0] for network in fitted]) for i in range(len(sizes) - 1)),
-        tuple(np.stack([network[i][1][None] for network in fitted]) for i in range(len(sizes) - 1)),
-    )
+    by_layer = [tuple(map(np.stack, zip(*layer, strict=True))) for layer in zip(*fitted, strict=True)]
+    return tuple(weights for weights, _ in by_layer), tuple(biases[:, None] for _, biases in by_layer)
 
 
 _LIBRARIES = ("jax", "jaxlib", "optax")

@@ -125,19 +125,15 @@ def make_trial(name: str, recording: str | None) -> Trial:
 
 
 def _moving(name: str) -> Trial:
-    if name == "step":
-
-        def pan_deg(times_s: FloatArray) -> FloatArray:
-            return np.where(times_s < STEP_AT_S, -STEP_DEG / 2.0, STEP_DEG / 2.0)
-
-        walk = _alone(name, STEP_S, pan_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M)
-        return Trial(name, walk, event_s=STEP_AT_S)
+    def step_deg(times_s: FloatArray) -> FloatArray:
+        return np.where(times_s < STEP_AT_S, -STEP_DEG / 2.0, STEP_DEG / 2.0)
 
     def ramp_deg(times_s: FloatArray) -> FloatArray:
         return RAMP_DEG_S * (np.clip(times_s - RAMP_FROM_S, 0.0, RAMP_S) - RAMP_S / 2.0)
 
-    walk = _alone(name, RAMP_ENDS_S, ramp_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M)
-    return Trial(name, walk, event_s=RAMP_FROM_S + RAMP_S)
+    ramp = ramp_deg, RAMP_ENDS_S, RAMP_FROM_S + RAMP_S
+    pan_deg, ends_s, event_s = (step_deg, STEP_S, STEP_AT_S) if name == "step" else ramp
+    return Trial(name, _alone(name, ends_s, pan_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M), event_s=event_s)
 
 
 def _alone(

@@ -48,12 +48,11 @@ def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, r
         "group": walk.group,
         "controller": values["controller"],
         **{name: values.get(name) for name in plan.spec.varied()},
-        **{name: result[name] for name in ("controller_name", "predictor_name") if name in result},
+        **{name: result[name] for name in ("controller_name", "predictor_name", "faults") if name in result},
         "left_out": result.get("left_out"),
         "failed": result.get("failed"),
         "simulated_s": result.get("simulated_s"),
         **{name: result.get(name) for name in METRICS},
-        **({"faults": result["faults"]} if "faults" in result else {}),
     }
 
 
