@@ -108,8 +108,8 @@ class EyeAim:
     """
 
     def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
-        if neck.eyes is None:
-            raise ValueError(f"neck {neck.name!r} has no eyes")
+        eyes = neck.eyes
+        assert eyes is not None
         self._geometry, self._knots_s = neck.geometry, knots_s
         self._eyes = [neck.joint_names.index(name) for name in EYE_AXES]
         self._others = [_PlannedJoint(neck, i, knots_s) for i in range(neck.joints) if i not in self._eyes]
@@ -118,7 +118,6 @@ class EyeAim:
         # One set of times where both joints of the eyes are as fast.
         self._ahead_s: FloatArray = np.unique(ahead_s)
         self._at = [int(np.flatnonzero(self._ahead_s == each)[0]) for each in ahead_s]
-        eyes = neck.eyes
         # What is left to the eyes of a pan and a tilt below and above where the head rests.
         left_over = 1.0 - np.array(
             [[eyes.head_share_pan, eyes.head_share_down], [eyes.head_share_pan, eyes.head_share_up]]

@@ -51,11 +51,11 @@ class Engaged:
     """The nearest of those who are engaged with the robot; if none is, the nearest person."""
 
     def __init__(self) -> None:
-        self._engagement = Engagement()
+        self.reset()
 
     def reset(self) -> None:
         """See `AttentionPolicy.reset`."""
-        self._engagement.reset()
+        self._engagement = Engagement()
 
     def scores(self, company: Company) -> list[float]:
         """See `AttentionPolicy.scores`."""
