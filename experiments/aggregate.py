@@ -57,6 +57,14 @@ def _in_order(names: Iterable[str | None], order: Sequence[str]) -> list[str]:
     return [*known, *sorted(found - set(known))]
 
 
+def grouped(rows: Iterable[Mapping[str, Any]], *names: str) -> dict[tuple[Any, ...], list[Any]]:
+    """Rows by their values in some columns, in the order in which these come."""
+    found: dict[tuple[Any, ...], list[Any]] = {}
+    for row in rows:
+        found.setdefault(tuple(row[name] for name in names), []).append(row)
+    return found
+
+
 def sensors_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     """Sensors in the order in which they come."""
     return list(dict.fromkeys(row["sensor"] for row in rows))
@@ -166,8 +174,7 @@ def _combinations(
 ) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
     """Labels and runs of each sensor, group or kind, and combination of the named columns."""
     for sensor, clips in [(s, clips) for s in sensors_of(rows) for clips in clips_of(rows)]:
-        for values in dict.fromkeys(tuple(r[name] for name in names) for r in rows):
-            found = [r for r in rows if tuple(r[name] for name in names) == values]
+        for values, found in grouped(rows, *names).items():
             if chosen := [r for r in found if r["sensor"] == sensor and clips.hold(r)]:
                 yield {"sensor": sensor, **vars(clips), **dict(zip(names, values, strict=True))}, chosen
 

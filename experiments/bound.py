@@ -15,7 +15,6 @@ if __name__ == "__main__":  # before the other imports, which are slow
 
     end_during_imports("bound")
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,14 +30,13 @@ from experiments.aggregate import GROUP_ORDER
 from experiments.engine.command import Command, WorkSettings, check_fitted, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row, key_of, models_hash, recording_hash
-from experiments.pages import markdown, write_csv
-from gazempc.files.whole import write_whole
+from experiments.pages import markdown, write_csv, write_rows
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.servo import zero_order_hold
 from gazempc.parts import TRUE_FUTURE
 from gazempc.recordings.placement import Placement
 from gazempc.results.metrics import SCORED_FROM_S
-from gazempc.results.run_summary import label, versions
+from gazempc.results.run_summary import label
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
@@ -174,9 +172,8 @@ def _bound(settings: BoundSettings) -> list[Row]:
 def _run(settings: BoundSettings, command: str) -> int:
     rows = _bound(settings)
     summary = summarise([row for row in rows if not row["left_out"] and not row["failed"]])
-    saved = {"settings": settings.saved(), "versions": versions(), "rows": summary}
     write_csv(settings.out / "bound.csv", rows)
-    write_whole(settings.out / "bound.json", json.dumps(saved, indent=2) + "\n")
+    write_rows(settings.out / "bound.json", settings.saved(), summary)
     print(_table(summary))
     for row in rows:
         if reason := row["left_out"] or row["failed"]:

@@ -17,7 +17,7 @@ from typing import Any
 from pydantic import Field
 
 from experiments import aggregate
-from experiments.aggregate import COMPARED, DIFFERENCES, sensors_of
+from experiments.aggregate import COMPARED, DIFFERENCES, grouped, sensors_of
 from experiments.engine.command import ChoiceSettings, Command, each_sensor, exit_status, name_parts, options_of
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
@@ -205,7 +205,7 @@ def _page(summary: Row, done: Sequence[Row], plots: Iterable[Plot], pictures: It
             "how": " ".join(_about(summary, done)),
         },
         tables=tuple(_tables(summary)),
-        charts=tuple(plot.chart() for plot in plots),
+        charts=tuple(plots),
         pictures={path: path.stem.replace("_", " ") for path in pictures},
         unusual=tuple(_unusual(summary, done)),
         command=command,
@@ -216,10 +216,10 @@ def _page(summary: Row, done: Sequence[Row], plots: Iterable[Plot], pictures: It
 def _answers(rows: Sequence[Row]) -> Iterator[str]:
     overall = [row for row in rows if (row["group"], row["kind"]) == ("all", "all")]
     several = len({row["predictor"] for row in overall if row["predictor"] != "perfect"}) > 1
-    for sensor, neck in dict.fromkeys((row["sensor"], row["neck"]) for row in overall):
+    for (sensor, neck), here in grouped(overall, "sensor", "neck").items():
         contacts = []
-        for row in overall:
-            if (row["sensor"], row["neck"]) == (sensor, neck) and row["eye_contact_2p6"] is not None:
+        for row in here:
+            if row["eye_contact_2p6"] is not None:
                 forecast = f" ({row['predictor']})" if several and row["predictor"] != "perfect" else ""
                 contacts.append(f"{label(row['controller'])}{forecast} {100.0 * row['eye_contact_2p6']:.1f} %")
         yield f"Time with eye contact (2.6 deg), neck {neck}, sensor {sensor}: {', '.join(contacts)}."
@@ -237,11 +237,11 @@ def _plots(done: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
     """Shares of clips by gaze error, a plot for each sensor and neck."""
     several = len({run["predictor"] for run in done if run["predictor"] != "perfect"}) > 1
     looks = styles(dict.fromkeys(run["controller"] for run in done))
-    places = dict.fromkeys((run["sensor"], run["neck"]) for run in done)
-    for sensor, neck in places:
+    places = grouped(done, "sensor", "neck")
+    for (sensor, neck), here in places.items():
         clips: dict[tuple[str, str], dict[str, float]] = {}
-        for run in done:
-            if (run["sensor"], run["neck"]) != (sensor, neck) or run["gaze_error_rms_deg"] is None:
+        for run in here:
+            if run["gaze_error_rms_deg"] is None:
                 continue
             name = label(run["controller"])
             name += f", {run['predictor']}" if several and run["predictor"] != "perfect" else ""

@@ -9,7 +9,6 @@ its 95 % interval over people, and the point where the case does worst. With eye
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,11 +19,10 @@ import tyro
 from pydantic import Field
 from scipy.stats import gmean
 
-from experiments.aggregate import GROUP_ORDER
+from experiments.aggregate import GROUP_ORDER, grouped
 from experiments.engine.command import Command
-from experiments.pages import markdown
+from experiments.pages import markdown, write_json
 from gazempc.errors import SettingsError
-from gazempc.files.whole import write_whole
 from gazempc.settings import Settings
 from gazempc.types import FloatArray
 
@@ -156,8 +154,7 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
             raise SettingsError(f"{settings.sweep / 'results.csv'}: no case {name!r}; there are {', '.join(cases)}")
     by = [name for name in ("neck", "sensor", "predictor") if name in runs[0]]
     found = []
-    for place in sorted({tuple(row[name] for name in by) for row in runs}):
-        here = [row for row in runs if tuple(row[name] for name in by) == place]
+    for place, here in sorted(grouped(runs, *by).items()):
         of = [[row for row in here if row["case"] == case] for case in (settings.case, settings.rival)]
         for group in (*(g for g in GROUP_ORDER if any(row["group"] == g for row in here)), "all"):
             names = _common([row for row in [*of[0], *of[1]] if group in {"all", row["group"]}])
@@ -165,7 +162,7 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
             ours, rival = (measured(rows, names) for rows in of)
             compared = gaps(ours, rival, [whose[name] for name in names])
             found.append(dict(zip(by, place, strict=True)) | {"group": group} | compared)
-    write_whole(settings.sweep / "fronts.json", json.dumps(found, indent=2) + "\n")
+    write_json(settings.sweep / "fronts.json", found)
     print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
     head = (*by, "group", "points", "RMS error, %", "worst", "eye contact 2.6 deg, points", "worst")
     rows = (
@@ -194,10 +191,8 @@ def _cell(margin: Row, name: str, add: float) -> str:
 
 def _common(runs: Sequence[Row]) -> list[str]:
     """Recordings that every point of every case has."""
-    names: dict[tuple[str, str], set[str]] = {}
-    for row in runs:
-        names.setdefault((row["case"], row["point"]), set()).add(row["recording"])
-    return sorted(set.intersection(*names.values()))
+    names = ({row["recording"] for row in of_point} for of_point in grouped(runs, "case", "point").values())
+    return sorted(set.intersection(*names))
 
 
 def _read(path: Path) -> list[Row]:

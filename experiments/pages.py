@@ -12,6 +12,7 @@ from gazempc.files.whole import whole, write_whole
 from gazempc.loop.events import MEANINGS
 from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.page.write import write_page
+from gazempc.results.run_summary import versions
 
 
 def seen_in_fitting(people: int) -> Iterator[Unusual]:
@@ -87,23 +88,32 @@ def text_of(page: Page) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def write_results(page: Page, out: Path, summary: Mapping[str, Any], name: str = "summary") -> str:
-    """Write ``report.html``, ``<name>.json`` and ``<name>.md`` of a comparison.
+def write_results(page: Page, out: Path, summary: Mapping[str, Any]) -> str:
+    """Write ``report.html``, ``summary.json`` and ``summary.md`` of a comparison.
 
     Args:
         page: The report.
         out: The folder.
         summary: Content of the JSON file.
-        name: Of the files.
 
     Returns:
         The report as Markdown.
     """
     text = text_of(page)
-    write_whole(out / f"{name}.json", json.dumps(summary, indent=2) + "\n")
-    write_whole(out / f"{name}.md", text)
+    write_json(out / "summary.json", summary)
+    write_whole(out / "summary.md", text)
     write_page(page, out)
     return text
+
+
+def write_rows(path: Path, settings: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows as JSON, with the settings and the versions that made them."""
+    write_json(path, {"settings": settings, "versions": versions(), "rows": rows})
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write plain data as JSON."""
+    write_whole(path, json.dumps(content, indent=2) + "\n")
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -18,52 +18,31 @@ from gazempc.types import FloatArray
 
 
 @dataclass(frozen=True)
-class Line:
-    """One line of a plot.
+class Line(Curve):
+    """A curve of a report, and what only a picture of it shows.
 
     Attributes:
-        label: Its name.
-        colour: CSS colour.
-        x: Shape (N,).
-        y: Shape (N,).
         ends: Lower and upper ends of the intervals of y, shape (N, 2); NaN or None without.
-        names: Name of each point, shape (N,); empty where the axes suffice.
         beside: Further points, shape (M, 2), faint and without a line.
     """
 
-    label: str
-    colour: str
-    x: FloatArray
-    y: FloatArray
     ends: FloatArray | None = None
-    names: tuple[str, ...] = ()
     beside: FloatArray | None = None
 
 
 @dataclass(frozen=True)
-class Plot:
-    """Lines over one axis.
+class Plot(Chart):
+    """A chart of a report, and what only a picture of it shows.
 
     Attributes:
-        title: Title.
-        x_label: Name and unit.
-        y_label: Name and unit.
-        lines: The lines.
+        curves: The lines.
         legend: Title of the legend.
         ticks: Names of the categories at 0, 1, ...; empty for a numeric axis.
     """
 
-    title: str
-    x_label: str
-    y_label: str
-    lines: tuple[Line, ...]
+    curves: tuple[Line, ...]
     legend: str = ""
     ticks: tuple[str, ...] = ()
-
-    def chart(self) -> Chart:
-        """The plot in a report, without intervals."""
-        curves = tuple(Curve(line.label, line.colour, line.x, line.y, line.names) for line in self.lines)
-        return Chart(self.title, self.x_label, self.y_label, curves)
 
 
 def draw(
@@ -85,7 +64,7 @@ def draw(
         figure = Figure(figsize=(width_inches, 4.4 if single else 3.6 * rows), layout="constrained")
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
         for ax, plot in zip(panels.flat, plots, strict=True):
-            for i, line in enumerate(plot.lines):
+            for i, line in enumerate(plot.curves):
                 _draw_line(ax, line, i, plot)
             if plot.ticks:
                 ax.set_xticks(range(len(plot.ticks)), plot.ticks)
@@ -113,7 +92,7 @@ def draw(
 def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
     look = series_look(index)
     # Categories stand side by side, so that intervals do not hide one another.
-    x = line.x + (0.12 * (index - (len(plot.lines) - 1) / 2) if plot.ticks else 0.0)
+    x = line.x + (0.12 * (index - (len(plot.curves) - 1) / 2) if plot.ticks else 0.0)
     style = "" if plot.ticks or len(line.x) == 1 else look.line
     marker = "" if line.ends is None and line.beside is None else look.marker
     ax.plot(x, line.y, ls=style, marker=marker, ms=4, color=line.colour, label=line.label)
@@ -139,7 +118,7 @@ def points(
     for k, (label, row) in enumerate(rows.items()):
         ends = factor * np.array([row[f"{y}_ci95"] or (np.nan, np.nan)])
         at, height = np.array([row[x]]), factor * np.array([row[y]])
-        lines.append(Line(label, colours.get(label, COLOURS[k % len(COLOURS)]), at, height, ends))
+        lines.append(Line(label, colours.get(label, COLOURS[k % len(COLOURS)]), at, height, ends=ends))
     return tuple(lines)
 
 

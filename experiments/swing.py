@@ -40,16 +40,6 @@ class SwingSettings(Settings):
     necks: tuple[str, ...] = Field(default=neck_names(), description="Shipped necks or .toml files")
 
 
-def with_error(neck: gz.NeckSpec, error: Mismatch) -> gz.NeckSpec:
-    """The neck with pan and tilt that differ from their model; the gain is applied by `simulate`."""
-    axes = {}
-    for name, axis in ((name, getattr(neck, name)) for name in AXES):
-        late_s = max(axis.dead_time_s + error.dead_time_s, 0.0)
-        frequency = axis.natural_frequency_rad_s * error.frequency
-        axes[name] = axis.model_copy(update={"dead_time_s": late_s, "natural_frequency_rad_s": frequency})
-    return neck.model_copy(update=axes)
-
-
 def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
     """The pan in closed loop, one value a servo period, radians.
 
@@ -63,7 +53,8 @@ def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArra
     start_rad[0] = _START_RAD
     observer, smoother = JointObserver(neck, start_rad, 0.0), Smoother(neck, start_rad)
     drive, settled = Drive(neck, start_rad), settled_joints(neck, 0)
-    robot = SimulatedNeck(with_error(neck, error), start_rad, lambda: now_s)
+    differs = neck.model_copy(update={name: error.of(getattr(neck, name)) for name in AXES})
+    robot = SimulatedNeck(differs, start_rad, lambda: now_s)
     robot.connect()
     sent = np.tile(start_rad, (2 + math.ceil(float(neck.dead_time_s.max()) / h), 1))
     acts, none, plan = start_rad, np.zeros((0, neck.joints)), None

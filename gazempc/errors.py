@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import difflib
-import importlib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 # A longer list would hide the message; its first and last name show the pattern.
 _NAMES_SHOWN = 30
@@ -58,23 +57,20 @@ class MissingOptionalDependencyError(GazempcError):
         super().__init__(f"{feature} needs the package {package!r}: pip install {package} (extra {extra!r} of gazempc)")
 
 
-def import_optional(module: str, feature: str, package: str, extra: str) -> Any:
-    """Import a module of an extra, where it is needed.
+@contextmanager
+def importing(feature: str, package: str, extra: str) -> Iterator[None]:
+    """Imports of an optional package stand in here.
 
     Args:
-        module: Its name.
-        feature: What needs it.
-        package: The package that has it.
-        extra: The extra that has the package.
-
-    Returns:
-        The module.
+        feature: What needs it, for the message.
+        package: Its name, as pip takes it.
+        extra: The extra that has it.
 
     Raises:
-        MissingOptionalDependencyError: If it is not installed.
+        MissingOptionalDependencyError: If an import fails.
     """
     try:
-        return importlib.import_module(module)
+        yield
     except ImportError:
         raise MissingOptionalDependencyError(feature, package, extra) from None
 

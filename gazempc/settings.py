@@ -78,10 +78,7 @@ class HeadPoseSettings(ConstantVelocitySettings):
 
     weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
     yaw_noise_rad: float = Field(
-        default=0.05,
-        ge=1e-6,
-        le=1e3,
-        description="Measurement noise (s.d.) if none is stated",
+        default=0.05, ge=1e-6, le=1e3, description="Measurement noise (s.d.) if none is stated"
     )
     yaw_from: Literal["waist", "travel"] = Field(
         default="waist", description="What the head's yaw is relative to: the waist, or the direction of travel"
@@ -164,8 +161,7 @@ class MpcSettings(Settings):
         "a share to the eyes (--motion human)",
     )
     terms: tuple[OwnFunction, ...] = Field(
-        default=(),
-        description="Your own costs, module:function, of pan and tilt; pan=module:function of one joint",
+        default=(), description="Your own costs, module:function, of pan and tilt; pan=module:function of one joint"
     )
     rows: tuple[OwnFunction, ...] = Field(
         default=(), description="Your own limits, module:function: rows that are kept within +-1; given as the terms"

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 
 from pydantic_core import to_jsonable_python
 
-from gazempc.errors import GazempcError, LeftOutError, MissingOptionalDependencyError
+from gazempc.errors import GazempcError, LeftOutError, importing
 from gazempc.parts import CONTROLLER, PREDICTOR, error_line, find, is_own
 from gazempc.recordings.readers.tables.mapping import saved_places
 from gazempc.signals import kept_from_children
@@ -266,10 +266,8 @@ class Cluster:
     """
 
     def __init__(self, address: str) -> None:
-        try:
+        with importing("--dask", "distributed", "cluster"):
             import distributed  # noqa: PLC0415
-        except ImportError:
-            raise MissingOptionalDependencyError("--dask", "distributed", "cluster") from None
         self._address = address
         try:
             self._client: Any = distributed.Client(  # type: ignore[no-untyped-call]

@@ -88,7 +88,7 @@ def metrics_of(done: Replayed) -> Row:
         ``simulated_s``, then every metric by name; NaN is None.
     """
     log = done.log
-    metrics = measure(log).as_dict() | measure_compute(done.times, log.neck.control_period_s).as_dict()
+    metrics = vars(measure(log)) | vars(measure_compute(done.times, log.neck.control_period_s))
     return {"simulated_s": float(log.time_s[-1] - log.time_s[0]), **without_nan(metrics)}
 
 

@@ -5,7 +5,6 @@ Example: python -m experiments.fit --recordings my_walks --out out/fit
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -17,9 +16,9 @@ from pydantic import Field
 from experiments.engine.command import Command, WorkSettings, find_recordings, in_place
 from experiments.engine.engine import Cache, Engine
 from experiments.engine.job import Row
-from experiments.fit.examples import Examples
+from experiments.fit.examples import Examples, join
 from experiments.fit.networks import ExamplesJob, NetworksJob, examples_of, model_of
-from experiments.fit.spread import errors_on_left_out, fit_doubt
+from experiments.fit.spread import errors_on_left_out, fit_spread
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
 from gazempc.recordings.load import load
@@ -106,7 +105,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
         # A person left out of the networks is left out of the uncertainty as well.
         used = [k for k, name in enumerate(people) if name != person]
         described = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
-        fitted = replace(model, **vars(fit_doubt([found[k] for k in used])), about=described)
+        fitted = replace(model, **vars(fit_spread(join([found[k] for k in used]))), about=described)
         path = settings.out / MODEL_FILE if person is None else folder / f"{person}.npz"
         write_whole(path, partial(save_walker_model, fitted))
     for path in folder.glob("*.npz"):
@@ -147,6 +146,3 @@ def _check(rows: list[Row]) -> list[Row]:
 
 
 main = Command("fit", FitSettings, __doc__, _run).main
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from experiments.engine.engine import read_result
 from experiments.engine.job import Row, key_of, recording_hash
 from experiments.fit.examples import Examples, fitting_examples, join, scoring_examples
-from gazempc.errors import MissingOptionalDependencyError
+from gazempc.errors import importing
 from gazempc.sim.sensor import SensorSpec
 from predictors.walker import network as walker
 from predictors.walker.features import CORRELATION, LOG_SD, N_INPUTS, NOISE_SCALE_M, OF_YAWS
@@ -86,12 +86,10 @@ def fit_networks(
     Raises:
         MissingOptionalDependencyError: If jax or optax is not installed.
     """
-    try:
+    with importing("fitting a predictor", "jax optax", "fit"):
         import jax  # noqa: PLC0415
         import jax.numpy as jnp  # noqa: PLC0415
         import optax  # noqa: PLC0415
-    except ImportError:
-        raise MissingOptionalDependencyError("fitting a predictor", "jax optax", "fit") from None
 
     shown = np.arange(N_INPUTS) if sees_yaws else np.setdiff1d(np.arange(N_INPUTS), OF_YAWS)
     # Given as an argument: numbers that a compiled function closes over are copied, and there are gigabytes of them.
@@ -142,23 +140,18 @@ def fit_networks(
     fitted = []
     for k in range(networks):
         rng = np.random.default_rng([seed, k])
-        layers = [
-            (
-                jnp.asarray(
-                    rng.standard_normal((a, b)) * (1.0 if i < len(sizes) - 2 else 0.1) / np.sqrt(a), dtype=jnp.float32
-                ),
-                jnp.asarray(begins if i == len(sizes) - 2 else np.zeros(b), dtype=jnp.float32),
-            )
-            for i, (a, b) in enumerate(pairwise(sizes))
-        ]
+        layers = []
+        for i, (a, b) in enumerate(pairwise(sizes)):
+            is_last = i == len(HIDDEN)
+            weights = rng.standard_normal((a, b)) * (0.1 if is_last else 1.0) / np.sqrt(a)
+            biases = begins if is_last else np.zeros(b)
+            layers.append(tuple(jnp.asarray(each, dtype=jnp.float32) for each in (weights, biases)))
         found = [(np.asarray(W), np.asarray(b)) for W, b in fit(layers, table, jax.random.key(1000 * seed + k))]
         first = np.zeros((N_INPUTS, HIDDEN[0]), dtype=np.float32)
         first[shown] = found[0][0]
         fitted.append([(first, found[0][1]), *found[1:]])
-    return (
-        tuple(np.stack([network[i][0] for network in fitted]) for i in range(len(sizes) - 1)),
-        tuple(np.stack([network[i][1][None] for network in fitted]) for i in range(len(sizes) - 1)),
-    )
+    by_layer = [tuple(map(np.stack, zip(*layer, strict=True))) for layer in zip(*fitted, strict=True)]
+    return tuple(weights for weights, _ in by_layer), tuple(biases[:, None] for _, biases in by_layer)
 
 
 _LIBRARIES = ("jax", "jaxlib", "optax")

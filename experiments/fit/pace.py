@@ -182,14 +182,13 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
         for at_s in _events(t, every_s, rng) if rng.random() < share else ():
             step_m = _direction(rng, size_m)
             head += smooth_step((t - at_s) / _slow_enough(rng.uniform(*takes_s), step_m))[:, None] * step_m
-    if rng.random() < 0.3:
-        for at_s in _events(t, _LEAN_EVERY_S, rng):
-            step_m = _direction(rng, _LEAN_M)
-            step_m[2] -= 0.4 * np.linalg.norm(step_m) * rng.random()  # a lean lowers the head
-            out_s, back_s = (_slow_enough(rng.uniform(*_LEAN_TIME_S), step_m) for _ in range(2))
-            until_s = at_s + out_s + rng.uniform(*_HOLD_S)
-            there = smooth_step((t - at_s) / out_s) - smooth_step((t - until_s) / back_s)
-            head += there[:, None] * step_m
+    for at_s in _events(t, _LEAN_EVERY_S, rng) if rng.random() < 0.3 else ():
+        step_m = _direction(rng, _LEAN_M)
+        step_m[2] -= 0.4 * np.linalg.norm(step_m) * rng.random()  # a lean lowers the head
+        out_s, back_s = (_slow_enough(rng.uniform(*_LEAN_TIME_S), step_m) for _ in range(2))
+        until_s = at_s + out_s + rng.uniform(*_HOLD_S)
+        there = smooth_step((t - at_s) / out_s) - smooth_step((t - until_s) / back_s)
+        head += there[:, None] * step_m
     if rng.random() < 0.2:
         up = rng.choice([-1.0, 1.0])
         for at_s in _events(t, _RISE_EVERY_S, rng):
@@ -197,21 +196,19 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
             step_m[2] = up * rng.uniform(*_RISE_M)
             head += smooth_step((t - at_s) / rng.uniform(*_RISE_TIME_S))[:, None] * step_m
             up = -up  # down again, or up
-    if rng.random() < 0.35:
-        for at_s in _events(t, _TURN_EVERY_S, rng):
-            time_s = rng.uniform(*_TURN_TIME_S)
-            angle = np.radians(rng.uniform(*_TURN_DEG)) * rng.choice([-1.0, 1.0])
-            turned = angle * smooth_step((t - at_s) / time_s)
-            pelvis_yaw += turned
-            head_yaw += angle * smooth_step((t - at_s + rng.uniform(0.0, 0.3)) / time_s)
-            head += _about_axis(turned, rng.uniform(*_AXIS_M), rng)
-    if rng.random() < 0.5:
-        for at_s in _events(t, _GLANCE_EVERY_S, rng):
-            time_s, until_s = rng.uniform(*_GLANCE_TIME_S), at_s + rng.uniform(0.5, 3.0)
-            angle = np.radians(rng.uniform(*_GLANCE_DEG)) * rng.choice([-1.0, 1.0])
-            turned = angle * (smooth_step((t - at_s) / time_s) - smooth_step((t - until_s) / time_s))
-            head_yaw += turned
-            head += _about_axis(turned, rng.uniform(0.0, _GLANCE_AXIS_M), rng)
+    for at_s in _events(t, _TURN_EVERY_S, rng) if rng.random() < 0.35 else ():
+        time_s = rng.uniform(*_TURN_TIME_S)
+        angle = np.radians(rng.uniform(*_TURN_DEG)) * rng.choice([-1.0, 1.0])
+        turned = angle * smooth_step((t - at_s) / time_s)
+        pelvis_yaw += turned
+        head_yaw += angle * smooth_step((t - at_s + rng.uniform(0.0, 0.3)) / time_s)
+        head += _about_axis(turned, rng.uniform(*_AXIS_M), rng)
+    for at_s in _events(t, _GLANCE_EVERY_S, rng) if rng.random() < 0.5 else ():
+        time_s, until_s = rng.uniform(*_GLANCE_TIME_S), at_s + rng.uniform(0.5, 3.0)
+        angle = np.radians(rng.uniform(*_GLANCE_DEG)) * rng.choice([-1.0, 1.0])
+        turned = angle * (smooth_step((t - at_s) / time_s) - smooth_step((t - until_s) / time_s))
+        head_yaw += turned
+        head += _about_axis(turned, rng.uniform(0.0, _GLANCE_AXIS_M), rng)
     return GaplessWalk(t, head, pelvis_yaw, head_yaw)
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.special import digamma, gammaln
 from scipy.stats import f as f_distribution
 
-from experiments.fit.examples import Examples, join
+from experiments.fit.examples import Examples
 from gazempc.types import FloatArray
 from predictors.walker.network import RegimeMotion, WalkerModel
 
@@ -47,7 +47,33 @@ class Spread:
         return np.asarray(linear + np.tensordot(np.tanh(doubt @ self.hidden), self.log_spread_hidden, axes=1))
 
 
-def fit_spread(doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weight: FloatArray) -> Spread:
+@dataclass(frozen=True)
+class Found:
+    """How far forecasts erred.
+
+    Attributes:
+        doubt: Reasons for doubt, shape (N, reasons), the first of them 1.
+        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros where none is stated.
+        error_m: Errors on people left out, shape (N, knots, 3), metres; NaN where there is none.
+        weight: How much each example counts, shape (N,).
+    """
+
+    doubt: FloatArray
+    noise_m: FloatArray
+    error_m: FloatArray
+    weight: FloatArray
+
+    @classmethod
+    def by(cls, model: WalkerModel, part: Examples) -> Found:
+        """Errors of a model on examples."""
+        motion = RegimeMotion(part.line_m_s.astype(np.float64), part.places_m.astype(np.float64))
+        regimes = model.regimes(part.network.astype(np.float64), motion, part.precise.astype(np.float64))
+        departure, doubt = model.answer(regimes, part.spread.astype(np.float64))
+        noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
+        return cls(doubt, noise_m, departure - part.departure_m, weight)
+
+
+def fit_spread(found: Found) -> Spread:
     """Fit scales and tails of a t distribution to errors.
 
     At each knot the errors have a t distribution with v degrees of freedom. Its scale on axis i is the root of
@@ -55,87 +81,73 @@ def fit_spread(doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weig
     likelihood; then the scales are multiplied by what makes the 68 and 95 % ellipsoids hold what they say.
 
     Args:
-        doubt: Reasons for doubt, shape (N, reasons), the first of them 1.
-        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros where none is stated.
-        error_m: Errors on people left out, shape (N, knots, 3), metres; NaN where there is none.
-        weight: How much each example counts, shape (N,).
+        found: Errors on people left out.
 
     Returns:
-        The fitted numbers.
+        The fitted numbers: the uncertainty's part of a `WalkerModel`.
     """
-    rows = slice(None, None, max(1, len(doubt) // _ENOUGH_ROWS))
-    thin = doubt[rows], noise_m[rows], error_m[rows], weight[rows]
-    return calibrate(_most_likely(*thin), doubt, noise_m, error_m, weight)
+    rows = slice(None, None, max(1, len(found.doubt) // _ENOUGH_ROWS))
+    return calibrate(_most_likely(Found(*(part[rows] for part in vars(found).values()))), found)
 
 
-def calibrate(
-    spread: Spread, doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weight: FloatArray
-) -> Spread:
+def calibrate(spread: Spread, found: Found) -> Spread:
     """Scale the spread at each knot so that the worse of the 68 and 95 % ellipsoids is least wrong.
 
     Args:
         spread: As fitted.
-        doubt: Reasons for doubt, shape (N, reasons).
-        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres.
-        error_m: Errors, shape (N, knots, 3), metres.
-        weight: How much each example counts, shape (N,).
+        found: Errors.
 
     Returns:
         The scaled spread.
     """
-    variance = np.exp(2.0 * spread.log_scale(doubt))
-    variance += spread.noise_share[:, None] ** 2 * noise_m[:, None] ** 2
+    variance = np.exp(2.0 * spread.log_scale(found.doubt))
+    variance += spread.noise_share[:, None] ** 2 * found.noise_m[:, None] ** 2
     with np.errstate(invalid="ignore"):
-        distance2 = np.sum(error_m**2 / variance, axis=-1)
+        distance2 = np.sum(found.error_m**2 / variance, axis=-1)
     limits = 3.0 * f_distribution.ppf(_NOMINAL, 3, spread.degrees_of_freedom)
     log_spread, noise_share = spread.log_spread.copy(), spread.noise_share.copy()
-    for knot in range(error_m.shape[1]):
-        known = np.isfinite(distance2[:, knot]) & (weight > 0)
+    for knot in range(distance2.shape[1]):
+        known = np.isfinite(distance2[:, knot]) & (found.weight > 0)
         if not known.any():
             continue
         inside = distance2[known, knot][:, None, None] <= (_SCALES**2)[:, None] * limits
-        held = np.average(inside, axis=0, weights=weight[known])
+        held = np.average(inside, axis=0, weights=found.weight[known])
         scale = _SCALES[np.argmin(np.max(np.abs(held - _NOMINAL), axis=1))]
         log_spread[0, knot] += np.log(scale)
         noise_share[knot] *= scale
     return replace(spread, log_spread=log_spread, noise_share=noise_share)
 
 
-def _most_likely(doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weight: FloatArray) -> Spread:
-    reasons, knots = doubt.shape[1], error_m.shape[1]
+def _most_likely(errors: Found) -> Spread:
+    doubt, knots = errors.doubt, errors.error_m.shape[1]
     # Reasons on one scale, so that the priors hold them alike. The first one is the constant.
     mean, sd = np.append(0.0, doubt[:, 1:].mean(axis=0)), np.append(1.0, doubt[:, 1:].std(axis=0) + 1e-6)
-    likelihood = SpreadLikelihood((doubt - mean) / sd, noise_m, error_m, weight)
+    likelihood = SpreadLikelihood(replace(errors, doubt=(doubt - mean) / sd))
     start, bounds = likelihood.start(), likelihood.bounds()
     found = minimize(likelihood, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": _STEPS})
     linear, hidden, out, log_share, v = likelihood.parts(found.x)
     for part in (linear, hidden):
         part[:] /= sd[:, None]
         part[0] -= mean @ part
-    return Spread(
-        linear.reshape(reasons, knots, 3), hidden, out.reshape(_HIDDEN, knots, 3), np.exp(log_share), float(v[0])
-    )
+    log_spread, of_hidden = (part.reshape(-1, knots, 3) for part in (linear, out))
+    return Spread(log_spread, hidden, of_hidden, np.exp(log_share), float(v[0]))
 
 
 class SpreadLikelihood:
     """How improbable errors are by a stated uncertainty, and the slope of that.
 
     Args:
-        doubt: Reasons for doubt, shape (N, reasons).
-        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres.
-        error_m: Errors, shape (N, knots, 3), metres; NaN where there is none.
-        weight: How much each example counts, shape (N,).
+        found: The errors.
     """
 
-    def __init__(self, doubt: FloatArray, noise_m: FloatArray, error_m: FloatArray, weight: FloatArray) -> None:
-        known = np.asarray(np.isfinite(error_m).all(axis=2))
-        self._u, self._noise2 = doubt, noise_m**2
-        self._error2 = np.where(known[..., None], error_m, 0.0) ** 2
-        self._weight = known * weight[:, None]
+    def __init__(self, found: Found) -> None:
+        known = np.asarray(np.isfinite(found.error_m).all(axis=2))
+        self._u, self._noise2 = found.doubt, found.noise_m**2
+        self._error2 = np.where(known[..., None], found.error_m, 0.0) ** 2
+        self._weight = known * found.weight[:, None]
         self._weight /= max(float(self._weight.sum()), 1e-9)
-        outputs = 3 * error_m.shape[1]
-        reasons = doubt.shape[1]
-        self._shapes = ((reasons, outputs), (reasons, _HIDDEN), (_HIDDEN, outputs), (error_m.shape[1],), (1,))
+        reasons, knots = found.doubt.shape[1], known.shape[1]
+        self._shapes = ((reasons, 3 * knots), (reasons, _HIDDEN), (_HIDDEN, 3 * knots), (knots,), (1,))
 
     def parts(self, x: FloatArray) -> list[FloatArray]:
         """Linear weights, hidden ones, weights of hidden units, log shares of the stated error, degrees of freedom."""
@@ -193,25 +205,6 @@ class SpreadLikelihood:
         return float(np.sum(self._weight * cost) + prior), np.concatenate([np.ravel(g) for g in gradient])
 
 
-@dataclass(frozen=True)
-class Found:
-    """How far forecasts erred."""
-
-    doubt: FloatArray
-    noise_m: FloatArray
-    error_m: FloatArray
-    weight: FloatArray
-
-    @classmethod
-    def by(cls, model: WalkerModel, part: Examples) -> Found:
-        """Errors of a model on examples."""
-        motion = RegimeMotion(part.line_m_s.astype(np.float64), part.places_m.astype(np.float64))
-        regimes = model.regimes(part.network.astype(np.float64), motion, part.precise.astype(np.float64))
-        departure, doubt = model.answer(regimes, part.spread.astype(np.float64))
-        noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
-        return cls(doubt, noise_m, departure - part.departure_m, weight)
-
-
 def errors_on_left_out(
     left_out: Mapping[str, WalkerModel], people: Sequence[str], scoring: Sequence[Examples]
 ) -> list[Found]:
@@ -226,16 +219,3 @@ def errors_on_left_out(
         The errors, for each recording.
     """
     return [Found.by(left_out[person], part) for person, part in zip(people, scoring, strict=True)]
-
-
-def fit_doubt(found: Sequence[Found]) -> Spread:
-    """Fit the stated uncertainty to errors.
-
-    Args:
-        found: Errors on each recording.
-
-    Returns:
-        The uncertainty's part of a `WalkerModel`.
-    """
-    everything = join(found)
-    return fit_spread(everything.doubt, everything.noise_m, everything.error_m, everything.weight)

@@ -160,7 +160,7 @@ def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.rando
     positions = walk.head_m + _street_error_m(walk.times_s, rng) if kind == "street" else walk.head_m
     head, pelvis = (_quats(yaw) for yaw in (walk.head_yaw_rad, walk.pelvis_yaw_rad))
     n = walk.times_s.size
-    track = Track(positions, head, np.full((n, 3), np.nan), pelvis, np.ones(n, dtype=np.bool_))
+    track = Track(positions, head, np.full((n, 3), np.nan), pelvis)
     recording = Recording("walk", "fit", "motion capture", walk.times_s, track, None, True, Labels("walk"))
     return [s.observation for s in observe(recording, sensor, int(rng.integers(2**31)))]
 

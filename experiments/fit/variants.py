@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from gazempc.errors import GazempcError
 from gazempc.recordings.recording import Recording
+from gazempc.recordings.truth import stretches
 from gazempc.types import FloatArray
 from predictors.geometry import yaw_rad
 
@@ -23,7 +24,7 @@ _PELVIS_TURN_SHARE, _HEAD_TURN_SHARE = (0.5, 1.05), (0.45, 1.0)
 _OFFSET_SD_DEG = (6.0, 3.0)  # of head and pelvis yaw, on top of the person's own
 _GLANCE_DEG, _GLANCE_TIME_S, _GLANCE_RISE_S = (15.0, 60.0), (0.4, 4.0), 0.25
 _PEAK_OF_SMOOTH_STEP = 1.875
-_LONGEST_GAP_S, _SHORTEST_S = 0.2, 1.25
+_SHORTEST_S = 1.25
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,7 @@ def walk_of(recording: Recording) -> GaplessWalk:
                 f"{recording.name}: the orientation of the {part} is not known in every frame; to fit on a walk, those "
                 "of head and pelvis are needed"
             )
-    seen = np.flatnonzero(truth.valid)
-    stretches = np.split(seen, np.flatnonzero(np.diff(recording.times_s[seen]) > _LONGEST_GAP_S) + 1)
-    rows = max(stretches, key=len)
+    rows = max(stretches(recording), key=len)
     times_s = recording.times_s[rows]
     if times_s[-1] - times_s[0] < _SHORTEST_S:
         raise GazempcError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -148,6 +147,3 @@ def _draw(settings: ForecastSettings, rows: list[Row], data_kinds: str) -> list[
 
 
 main = Command("forecast", ForecastSettings, __doc__, _run).main
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -16,7 +16,7 @@ from gazempc.loop.build import Person, make_predictor
 from gazempc.parts import PREDICTOR, name_of
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Recording
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.truth import TrueHead, stretches
 from gazempc.settings import PredictorSettings
 from gazempc.sim.scene import SceneSettings, natural_placement
 from gazempc.sim.sensor import SensorSpec, default_sensor, observe
@@ -66,10 +66,6 @@ def in_order(recording: Recording, sensor: SensorSpec, seed: int) -> list[Sighti
     return newer
 
 
-# As in `gazempc.recordings.truth`: over a longer gap a person may do anything.
-_LONGEST_GAP_S = 0.2
-
-
 def smooth_truth(recording: Recording, over_s: float) -> Recording:
     """Smooth the true head's path by a centred moving average in time, which does not lag.
 
@@ -88,9 +84,7 @@ def smooth_truth(recording: Recording, over_s: float) -> Recording:
         return recording
     track = recording.truth
     position_m = track.head_position_m.copy()
-    seen = np.flatnonzero(track.valid)
-    gaps = np.flatnonzero(np.diff(recording.times_s[seen]) > _LONGEST_GAP_S) + 1
-    for rows in np.split(seen, gaps):
+    for rows in stretches(recording):
         position_m[rows] = _averaged(recording.times_s[rows], position_m[rows], over_s)
     return replace(recording, truth=replace(track, head_position_m=position_m), measured=recording.measured or track)
 

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import clips_of, groups_of, sensors_of, with_interval
+from experiments.aggregate import clips_of, grouped, groups_of, sensors_of, with_interval
 from experiments.pages import seen_in_fitting, table_of, with_ends
 from experiments.plots import Line, Plot, share_of_clips
 from gazempc.recordings.readers.labels import STANDING
 from gazempc.recordings.recording import truth_of
+from gazempc.results.contact import of_known, p95
 from gazempc.results.figures.style import COLOURS
 from gazempc.results.forecast_metrics import inside
 from gazempc.results.page.content import Chart, Page, PageTable, Unusual
@@ -43,12 +44,12 @@ def summarise(results: Sequence[_Row]) -> list[dict[str, Any]]:
     for sensor in sensors_of(results):
         seen = [r for r in results if r["sensor"] == sensor]
         baselines = {name: {r["recording"]: r for r in reversed(seen) if r["predictor"] == name} for name in _BASELINES}
-        for predictor, cues in dict.fromkeys((r["predictor"], r["cues"]) for r in seen):
+        for (predictor, cues), own in grouped(seen, "predictor", "cues").items():
             for clips in clips_of(seen):
                 named = {"sensor": sensor, "predictor": predictor, "cues": cues, **vars(clips)}
-                chosen = [r for r in seen if (r["predictor"], r["cues"]) == (predictor, cues) and clips.hold(r)]
+                chosen = [r for r in own if clips.hold(r)]
                 for i, horizon_s in enumerate(chosen[0]["horizons_s"] if chosen else ()):
-                    ratios = {f"ratio_to_{name}": _ratio(chosen, own, i) for name, own in baselines.items()}
+                    ratios = {f"ratio_to_{name}": _ratio(chosen, other, i) for name, other in baselines.items()}
                     rows.append({**named, "horizon_s": float(horizon_s), **_figures(chosen, i), **ratios})
     return rows
 
@@ -64,12 +65,7 @@ def _ratio(chosen: Sequence[_Row], baseline: Mapping[str, _Row], i: int) -> floa
 
 def _error_m(result: _Row, i: int) -> float:
     """Mean distance from the true head at the i-th horizon, metres; NaN where none is known."""
-    return _mean(np.linalg.norm(result["difference_m"][:, i], axis=-1))
-
-
-def _mean(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else math.nan
+    return of_known(np.linalg.norm(result["difference_m"][:, i], axis=-1))
 
 
 def _figures(chosen: Sequence[_Row], i: int) -> dict[str, Any]:
@@ -77,15 +73,14 @@ def _figures(chosen: Sequence[_Row], i: int) -> dict[str, Any]:
     differences = [1e3 * r["difference_m"][:, i] for r in chosen]
     distances = [np.linalg.norm(d, axis=-1) for d in differences]
     frames = np.concatenate(distances)
-    frames = frames[np.isfinite(frames)]
 
     def over_clips(values: Sequence[FloatArray]) -> float:
-        return _mean(np.array([_mean(v) for v in values]))
+        return of_known(np.array([of_known(v) for v in values]))
 
     figures: dict[str, Any] = without_nan(
         {
-            "error_true_p50_mm": float(np.percentile(frames, 50)) if frames.size else math.nan,
-            "error_true_p95_mm": float(np.percentile(frames, 95)) if frames.size else math.nan,
+            "error_true_p50_mm": of_known(frames, np.median),
+            "error_true_p95_mm": of_known(frames, p95),
             "error_filtered_mm": over_clips([1e3 * r["error_filtered_m"][:, i] for r in chosen]),
             **{f"error_{name}_rms_mm": _rms(differences, k) for k, name in enumerate(_PARTS)},
             **{f"coverage_{round(100 * p)}": over_clips([_inside(r, i, p) for r in chosen]) for p in _SHARES},
@@ -93,17 +88,15 @@ def _figures(chosen: Sequence[_Row], i: int) -> dict[str, Any]:
             "update_us": float(np.median(np.concatenate([r["update_us"] for r in chosen]))),
             "n_clips": sum(bool(np.isfinite(d).any()) for d in distances),
             "n_people": len(set(people)),
-            "n_frames": int(frames.size),
+            "n_frames": int(np.isfinite(frames).sum()),
             "n_people_seen_in_fitting": len({r["subject"] for r in chosen if r["seen"]}),
         }
     )
-    return with_interval("error_true_mm", [_mean(d) for d in distances], people) | figures
+    return with_interval("error_true_mm", [of_known(d) for d in distances], people) | figures
 
 
 def _rms(differences: Sequence[FloatArray], part: int) -> float:
-    values = np.concatenate([d[:, part] for d in differences])
-    values = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(values**2))) if values.size else math.nan
+    return math.sqrt(of_known(np.concatenate([d[:, part] for d in differences]) ** 2))
 
 
 def _inside(result: _Row, i: int, share: float) -> FloatArray:
@@ -128,7 +121,7 @@ def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
             own.sort(key=lambda r: float(r["horizon_s"]))
             x, y = (np.array([row[name] for row in own], float) for name in ("horizon_s", "error_true_mm"))
             ends = [row["error_true_mm_ci95"] or (np.nan, np.nan) for row in own]
-            lines.append(Line(predictor, COLOURS[k % len(COLOURS)], x, y, np.reshape(ends, (-1, 2))))
+            lines.append(Line(predictor, COLOURS[k % len(COLOURS)], x, y, ends=np.reshape(ends, (-1, 2))))
         clips = max(r["n_clips"] for r in rows if r["group"] == group)
         title = f"{group} ({clips} clips)"
         plots.append(Plot(title, "horizon from capture (s)", "mean forecast error (mm), logarithmic", tuple(lines)))
@@ -173,8 +166,7 @@ def forecast_page(summary: _Row, results: Sequence[_Row], pictures: Iterable[Pat
 
 
 def _answers(overall: Sequence[_Row]) -> Iterator[str]:
-    for sensor, cues, horizon_s in dict.fromkeys((r["sensor"], r["cues"], r["horizon_s"]) for r in overall):
-        here = [r for r in overall if (r["sensor"], r["cues"], r["horizon_s"]) == (sensor, cues, horizon_s)]
+    for (sensor, cues, horizon_s), here in grouped(overall, "sensor", "cues", "horizon_s").items():
         known = sorted((r for r in here if r["error_true_mm"] is not None), key=lambda r: float(r["error_true_mm"]))
         errors = ", ".join(f"{r['predictor']} {r['error_true_mm']:.0f} mm" for r in known)
         yield f"Mean error {horizon_s:g} s ahead, sensor {sensor}, cues {cues}: {errors}."
@@ -183,7 +175,7 @@ def _answers(overall: Sequence[_Row]) -> Iterator[str]:
 def _over_horizon(rows: Sequence[_Row]) -> Iterator[Chart]:
     for sensor in sensors_of(rows):
         title = f"Error over horizon: sensor {sensor}"
-        yield replace(plots_of(rows, sensor)[-1], title=title, y_label="mean error (mm)").chart()
+        yield replace(plots_of(rows, sensor)[-1], title=title, y_label="mean error (mm)")
 
 
 def _by_clip(results: Sequence[_Row]) -> Iterator[Chart]:
@@ -199,7 +191,7 @@ def _by_clip(results: Sequence[_Row]) -> Iterator[Chart]:
             if np.isfinite(error_mm := 1e3 * _error_m(r, middle)):
                 clips.setdefault(named[r["predictor"], r["cues"]], {})[Path(r["recording"]).stem] = error_mm
         label = f"mean error {horizons_s[middle]:g} s ahead (mm)"
-        yield share_of_clips(f"Clips by error: sensor {sensor}", label, clips).chart()
+        yield share_of_clips(f"Clips by error: sensor {sensor}", label, clips)
 
 
 def _unusual(summary: _Row) -> Iterator[Unusual]:

@@ -111,9 +111,7 @@ def nearest_at(table: Rows, horizon_s: float) -> list[dict[str, Any]]:
     """
     nearest: list[dict[str, Any]] = []
     table = [r for r in table if r["horizon_s"] == horizon_s]
-    if not table:
-        return nearest
-    for against in AGAINST:
+    for against in AGAINST if table else ():
         time_s = closest_time_s(table, against, horizon_s)
         own = _of_way(table, time_s, against, horizon_s)
         nearest.append(

@@ -261,6 +261,6 @@ def error_plots(summary: _Row) -> list[Plot]:
         for (name, label), colour in zip(methods.items(), COLOURS, strict=False):
             ends = np.array([row.get(f"{name}_ci95") or (np.nan, np.nan) for row in rows])
             errors_mm = np.array([row[name] for row in rows])
-            lines.append(Line(label, colour, np.arange(len(rows), dtype=np.float64), errors_mm, ends))
+            lines.append(Line(label, colour, np.arange(len(rows), dtype=np.float64), errors_mm, ends=ends))
         plots.append(Plot(title, "routes", "mean error 0.5 s ahead (mm)", tuple(lines), ticks=groups))
     return plots

@@ -32,6 +32,7 @@ from experiments.paper.validation import ALTERNATIVE, ZERO_METHOD, Judged, exact
 from experiments.plots import draw
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
+from gazempc.results.contact import of_known
 from gazempc.results.run_summary import versions, without_nan
 
 TURNING = ("R34", "R56")
@@ -131,17 +132,14 @@ def _person_tests(judged: Sequence[Judged]) -> list[dict[str, Any]]:
 def _yaw(rows: Rows) -> dict[str, Any]:
     """How far people's heads point aside on straight routes, and what that costs with w = 0.5."""
     straight = [v for v in frames_of(rows) if v.group == "R12"]
-    people = sorted({v.subject for v in straight})
-    offset_deg, cost_mm = [], []
-    for person in people.copy():
+    people, offset_deg, cost_mm = [], [], []
+    for person in sorted({v.subject for v in straight}):
         own = [v for v in straight if v.subject == person]
-        yaw_deg = np.concatenate([v.yaw_deg for v in own])
-        yaw_deg = yaw_deg[np.isfinite(yaw_deg)]
-        if not yaw_deg.size:
-            people.remove(person)
-            continue
-        offset_deg.append(float(yaw_deg.mean()))
-        cost_mm.append(mean_mm(own, YAW_WEIGHT) - mean_mm(own, 0.0))
+        yaw_deg = of_known(np.concatenate([v.yaw_deg for v in own]))
+        if np.isfinite(yaw_deg):
+            people.append(person)
+            offset_deg.append(yaw_deg)
+            cost_mm.append(mean_mm(own, YAW_WEIGHT) - mean_mm(own, 0.0))
     correlation = spearmanr(np.abs(offset_deg), cost_mm).statistic if len(people) > 2 else None
     return {
         "weight": YAW_WEIGHT,
@@ -166,22 +164,6 @@ class PaperSettings(WorkSettings):
     trials: int = Field(default=60, ge=1, description="Optuna's trials for each subject left out")
     seed: int = Field(default=0, ge=0, description="Seed of Optuna's sampler and of the sensor's noise")
     out: Path = Field(default=Path("out/paper"), description="Where to write; an interrupted run goes on there")
-
-
-def validate(**settings: Any) -> dict[str, Row]:
-    """Validate each data set as the paper does, and write tables and figures.
-
-    Args:
-        **settings: Any of `PaperSettings`, such as ``recordings=["synthetic"], out="out/paper"``.
-
-    Returns:
-        The content of ``summary.json`` by the name of the data set.
-
-    Raises:
-        GazempcError: If no recording of a data set can be scored, or it has fewer than two subjects.
-        MissingOptionalDependencyError: Without Optuna.
-    """
-    return _validate(PaperSettings.of("paper", settings))
 
 
 def _run(settings: PaperSettings, _: str) -> int:

@@ -6,7 +6,6 @@ own rate.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from pydantic import Field
 from experiments.engine.command import Command, WorkSettings, check_fitted, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
+from experiments.pages import write_rows
 from experiments.plots import draw
 from experiments.rivals import plan
 from experiments.rivals.jobs import NAMES, RivalJob, check_names
@@ -26,7 +26,6 @@ from experiments.rivals.trials import TRIALS, TURNS
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import load_neck
 from gazempc.results.page.content import PageTable
-from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
 
@@ -113,8 +112,7 @@ def _run(settings: RivalsSettings, command: str) -> int:
     rows, tables, pictures = _wrong_model(done) if settings.wrong_model else _gazes(settings, done)
     path = settings.rows or settings.out / "rows.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    saved = {"settings": settings.saved("rows"), "versions": versions(), "rows": rows}
-    write_whole(path, json.dumps(saved, indent=2) + "\n")
+    write_rows(path, settings.saved("rows"), rows)
     lines = ["Means over clips, in brackets 95 % bootstrap intervals over people; the best first.", ""]
     for table in tables:
         lines += [f"## {table.title}", "", *table.markdown(), ""]

@@ -11,21 +11,19 @@ if __name__ == "__main__":  # before the other imports, which are slow
 
     end_during_imports("rivals.framing")
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 import gazempc as gz
-from experiments.aggregate import bootstrap_mean
+from experiments.aggregate import bootstrap_mean, grouped
 from experiments.engine.command import Command, WorkSettings, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
-from experiments.pages import markdown, with_ends
+from experiments.pages import markdown, with_ends, write_rows
 from experiments.plots import Plot, draw, points
 from experiments.rivals.jobs import RivalJob, check_names
 from experiments.rivals.laws import RIVALS
@@ -33,7 +31,7 @@ from experiments.rivals.simulate import simulate
 from experiments.rivals.trials import STAND, STOP, Trial, make_trial
 from gazempc.files.whole import write_whole
 from gazempc.neck.speed_steps import SpeedSteps
-from gazempc.results.run_summary import versions, without_nan
+from gazempc.results.run_summary import without_nan
 from gazempc.settings import DEFAULT_PREDICTOR, LoopSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
@@ -163,10 +161,8 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
         A row for each device and law: labels, ``n_clips``, `FIGURES` and their intervals under ``<name>_ci95``.
     """
     rows = []
-    for device, law in dict.fromkeys((run["device"], run["law"]) for run in runs):
-        here = [run for run in runs if (run["device"], run["law"]) == (device, law)]
-        constants = dict.fromkeys(run["constants"] for run in here)
-        tried = [_means([run for run in here if run["constants"] == each]) for each in constants]
+    for here in grouped(runs, "device", "law").values():
+        tried = [_means(each) for each in grouped(here, "constants").values()]
         most = max(row["time_in_zone"] for row in tried)
         level = [row for row in tried if row["time_in_zone"] > most - _LEVEL]
         rows.append(min(level, key=lambda row: float(row["reversals_per_min"])))
@@ -214,8 +210,8 @@ def plots_of(rows: Sequence[Row]) -> list[Plot]:
     plots = []
     axes = {"rms_acceleration_rad_s2": "RMS acceleration (rad/s$^2$)", "reversals_per_min": "reversals a minute"}
     for x, label in axes.items():
-        for device in dict.fromkeys(row["device"] for row in rows):
-            here = {row["law"]: row for row in rows if row["device"] == device}
+        for (device,), of_device in grouped(rows, "device").items():
+            here = {row["law"]: row for row in of_device}
             late_s = DEVICES[device].dead_time_s + DEVICES[device].latency_s
             lines = points(here, x, "time_in_zone", 100.0, {})
             plots.append(Plot(f"{device}, {late_s:.2g} s late", label, "time in zone (%)", lines))
@@ -234,8 +230,7 @@ def _run(settings: FramingSettings, command: str) -> int:
     rows = summarise([run for run in runs if not run["failed"] and not run["left_out"]])
     text = "\n".join([*_verdicts(rows), "", table(rows), f"`{command}`", ""])
     write_whole(settings.out / "framing.md", text)
-    saved: Mapping[str, Any] = {"settings": settings.saved(), "versions": versions(), "rows": rows}
-    write_whole(settings.out / "framing.json", json.dumps(saved, indent=2) + "\n")
+    write_rows(settings.out / "framing.json", settings.saved(), rows)
     draw(plots_of(rows), settings.out / "framing.png", "means over clips, 95 % intervals over people", rows=2)
     print(text)
     for run in failed:

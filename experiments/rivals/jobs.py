@@ -15,9 +15,10 @@ from experiments.rivals.laws import RIVALS
 from experiments.rivals.laws.frigate import Frigate, FrigateCalibration, MoveTime
 from experiments.rivals.rival import HeadCamera, Rival, View
 from experiments.rivals.simulate import Motor, driven_by, simulate
-from experiments.rivals.trials import Trial, make_trial, recontact_s, response
+from experiments.rivals.trials import Trial, make_trial, response
 from gazempc.errors import LeftOutError, SettingsError, suggest
-from gazempc.results.metrics import MIN_DURATION_S
+from gazempc.results.contact import CONTACT_DEG, time_to_return
+from gazempc.results.metrics import MIN_DURATION_S, gaze_error_deg
 from gazempc.results.run_summary import without_nan
 from gazempc.settings import DEFAULT_PREDICTOR, WalkerSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
@@ -168,7 +169,7 @@ class RivalJob:
         if trial.event_s is not None:
             figures |= response(log, trial.event_s, trial.joint)
         if trial.back_s is not None:
-            figures["recontact_s"] = recontact_s(log, trial.back_s)
+            figures["recontact_s"] = time_to_return(log, gaze_error_deg(log) <= CONTACT_DEG[0], trial.back_s)
         metrics = gz.measure(log).as_dict()
         figures |= {name: metrics[name] for name in GAZES}
         return {"subject": log.run.subject, "group": log.run.group, **without_nan(figures)}

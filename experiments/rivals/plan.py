@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from experiments.aggregate import with_interval
+from experiments.aggregate import grouped, with_interval
 from experiments.engine.job import Row
 from experiments.pages import with_ends
 from experiments.plots import Plot, points
@@ -101,27 +101,23 @@ def at_their_best(runs: Sequence[Row]) -> list[Row]:
     Returns:
         The runs that are shown.
     """
-    found: dict[tuple[Any, ...], dict[str, list[Row]]] = {}
     walks = {run["trial"] for run in runs} & {*WALKS}
-    for run in runs:
-        place = (run["rival"], run["neck"], run["sensor"])
-        if run["trial"] in walks or not walks:
-            found.setdefault(place, {}).setdefault(run["constants"], []).append(run)
-    best = {place: _best(tried) for place, tried in found.items()}
+    judged = [run for run in runs if run["trial"] in walks or not walks]
+    best = {place: _best(tried) for place, tried in grouped(judged, "rival", "neck", "sensor").items()}
     return [run for run in runs if run["constants"] == best.get((run["rival"], run["neck"], run["sensor"]))]
 
 
-def _best(tried: dict[str, list[Row]]) -> str:
+def _best(runs: Sequence[Row]) -> str:
+    tried = grouped(runs, "constants")
     contact, error_deg, acceleration = (
-        {constants: sum(run[name] for run in runs) / len(runs) for constants, runs in tried.items()}
+        {str(constants): sum(run[name] for run in own) / len(own) for (constants,), own in tried.items()}
         for name in ("eye_contact_2p6", "gaze_error_rms_deg", "rms_acceleration_rad_s2")
     )
     most = max(contact.values())
     # Without any contact the error decides.
     if most < _LEVEL:
-        return min(tried, key=lambda constants: error_deg[constants])
-    level = [constants for constants in tried if contact[constants] > most - _LEVEL]
-    return min(level, key=lambda constants: acceleration[constants])
+        return min(contact, key=error_deg.__getitem__)
+    return min((each for each in contact if contact[each] > most - _LEVEL), key=acceleration.__getitem__)
 
 
 def summarise(runs: Sequence[Row]) -> list[Row]:
@@ -142,11 +138,10 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
     combined = [name for name, parts in _COMBINED.items() if {*names} & {*parts}]
     for trial in [*names, *combined]:
         of_trial = [run for run in runs if run["trial"] in _COMBINED.get(trial, (trial,))]
-        for neck, sensor in dict.fromkeys((run["neck"], run["sensor"]) for run in of_trial):
-            here = [run for run in of_trial if (run["neck"], run["sensor"]) == (neck, sensor)]
-            rivals = [name for name in NAMES if any(run["rival"] == name for run in here)]
-            best_known = {_clip(run): run["eye_contact_2p6"] for run in here if run["rival"] == OUR_DEFAULT}
-            part = [_row(trial, [run for run in here if run["rival"] == rival], best_known) for rival in rivals]
+        for here in grouped(of_trial, "neck", "sensor").values():
+            by_rival = grouped(here, "rival")
+            best_known = {_clip(run): run["eye_contact_2p6"] for run in by_rival.get((OUR_DEFAULT,), ())}
+            part = [_row(trial, by_rival[name,], best_known) for name in NAMES if (name,) in by_rival]
             rows += sorted(part, key=_badness)
     return rows
 
@@ -273,8 +268,7 @@ def page_tables(rows: Sequence[Row]) -> list[PageTable]:
     found = []
     for trial, columns in _COLUMNS.items():
         of_trial = [row for row in rows if row["trial"] == trial]
-        for neck, sensor in dict.fromkeys((row["neck"], row["sensor"]) for row in of_trial):
-            here = [row for row in of_trial if (row["neck"], row["sensor"]) == (neck, sensor)]
+        for (neck, sensor), here in grouped(of_trial, "neck", "sensor").items():
             cells = tuple(
                 (row["rival"], *(with_ends(row[name], row[f"{name}_ci95"], form, by) for _, name, by, form in columns))
                 for row in here
@@ -298,8 +292,8 @@ def contact_plots(rows: Sequence[Row]) -> list[Plot]:
     colours |= {f"ours: {name}": style(name).colour for name in OURS}
     walks = sorted((row for row in rows if row["trial"] == ALL_WALKS), key=lambda row: NAMES.index(row["rival"]))
     plots = []
-    for neck in dict.fromkeys(row["neck"] for row in walks):
-        here = {f"{'ours: ' * (r['rival'] in OURS)}{r['rival']}": r for r in walks if r["neck"] == neck}
+    for (neck,), of_neck in grouped(walks, "neck").items():
+        here = {f"{'ours: ' * (r['rival'] in OURS)}{r['rival']}": r for r in of_neck}
         lines = points(here, "rms_acceleration_rad_s2", "eye_contact_2p6", 100.0, colours)
         x, y = "RMS joint acceleration (rad/s$^2$)", "eye contact within 2.6 deg (% of the time)"
         plots.append(Plot(f"neck {neck}", x, y, lines))
@@ -320,8 +314,8 @@ def error_tables(by_label: Mapping[str, Sequence[Row]], level: Sequence[Row]) ->
     for label, of_error in by_label.items():
         ticks = sorted({row["by"] for row in of_error})
         lines = []
-        for rival in dict.fromkeys(row["rival"] for row in of_error):
-            percent = {row["by"]: 100.0 * row["eye_contact_2p6"] for row in of_error if row["rival"] == rival}
+        for (rival,), of_rival in grouped(of_error, "rival").items():
+            percent = {row["by"]: 100.0 * row["eye_contact_2p6"] for row in of_rival}
             lines.append((rival, *(f"{percent[by]:.1f}" if by in percent else "-" for by in ticks)))
         tables.append(PageTable(f"Eye contact in %, by {label}", ("", *(f"{by:+g}" for by in ticks)), tuple(lines)))
     without = tuple((row["rival"], f"{100.0 * row['eye_contact_2p6']:.1f}") for row in level)

@@ -146,12 +146,7 @@ class FrameRate:
     """
 
     def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self.reset()
-
-    def reset(self) -> None:
-        """Take the next frame in any case."""
-        self._last_s = -math.inf
+        self._period_s, self._last_s = period_s, -math.inf
 
     def take(self, detections: tuple[Detection, ...]) -> Iterator[Detection]:
         """The detections of the frames that it looks at, oldest first."""

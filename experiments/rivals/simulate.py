@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.rivals.rival import Detection, HeadCamera, Rival, View
+from experiments.rivals.rival import Detection, HeadCamera, Rival, View, half_sizes
 from gazempc.loop.columns import JointColumns
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.neck.kinematics import seen_from_head
@@ -91,7 +91,7 @@ def detect(
     ahead_m, left_m, up_m = seen_m.tolist()
     if ahead_m <= 0.0:
         return None
-    half_image = np.tan([camera.half_width_rad, camera.half_height_rad])
+    half_image = half_sizes(camera)
     offset = -np.array([left_m, up_m]) / ahead_m / half_image
     if np.any(np.abs(offset) > 1.0):
         return None

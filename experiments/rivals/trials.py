@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +17,7 @@ from gazempc.errors import LeftOutError, PlacementError
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
 from gazempc.recordings.recording import Labels, Recording, Track
-from gazempc.results.contact import CONTACT_DEG, time_to_stable
+from gazempc.results.contact import CONTACT_DEG
 from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.motion import reversals
@@ -126,19 +125,15 @@ def make_trial(name: str, recording: str | None) -> Trial:
 
 
 def _moving(name: str) -> Trial:
-    if name == "step":
-
-        def pan_deg(times_s: FloatArray) -> FloatArray:
-            return np.where(times_s < STEP_AT_S, -STEP_DEG / 2.0, STEP_DEG / 2.0)
-
-        walk = _alone(name, STEP_S, pan_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M)
-        return Trial(name, walk, event_s=STEP_AT_S)
+    def step_deg(times_s: FloatArray) -> FloatArray:
+        return np.where(times_s < STEP_AT_S, -STEP_DEG / 2.0, STEP_DEG / 2.0)
 
     def ramp_deg(times_s: FloatArray) -> FloatArray:
         return RAMP_DEG_S * (np.clip(times_s - RAMP_FROM_S, 0.0, RAMP_S) - RAMP_S / 2.0)
 
-    walk = _alone(name, RAMP_ENDS_S, ramp_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M)
-    return Trial(name, walk, event_s=RAMP_FROM_S + RAMP_S)
+    ramp = ramp_deg, RAMP_ENDS_S, RAMP_FROM_S + RAMP_S
+    pan_deg, ends_s, event_s = (step_deg, STEP_S, STEP_AT_S) if name == "step" else ramp
+    return Trial(name, _alone(name, ends_s, pan_deg, MOVES_TILT_DEG, MOVES_DISTANCE_M), event_s=event_s)
 
 
 def _alone(
@@ -155,7 +150,6 @@ def _alone(
         head_quat_wxyz=faces,
         pelvis_position_m=head_m - [0.0, 0.0, 0.7],
         pelvis_quat_wxyz=faces,
-        valid=np.ones(times_s.size, dtype=np.bool_),
     )
     return Recording(name, "synthetic", "synthetic", times_s, track, None, True, Labels(subject="synthetic"))
 
@@ -176,7 +170,6 @@ def _stopping(walk: Recording) -> Recording:
         return np.concatenate([rows[: last + 1], np.tile(rows[last], (since_s.size, 1))])
 
     longer = _each(track, lambda name, rows: (stops if name.endswith("_m") else stays)(rows))
-    longer = replace(longer, valid=np.concatenate([track.valid[: last + 1], np.ones(since_s.size, dtype=np.bool_)]))
     times_s = np.concatenate([walk.times_s[: last + 1], walk.times_s[last] + since_s])
     return replace(walk, times_s=times_s, truth=longer, measured=None)
 
@@ -184,16 +177,13 @@ def _stopping(walk: Recording) -> Recording:
 def _hidden(walk: Recording, from_s: float, to_s: float) -> Recording:
     """The same walk, unseen for a time."""
     hidden = (walk.times_s >= from_s) & (walk.times_s < to_s)
-
     seen = _each(walk.truth, lambda _, rows: np.where(hidden[:, None], np.nan, rows))
-    return replace(walk, truth=replace(seen, valid=walk.truth.valid & ~hidden), measured=None)
+    return replace(walk, truth=seen, measured=None)
 
 
 def _each(track: Track, change: Callable[[str, FloatArray], FloatArray]) -> Track:
     """The track with changed positions and orientations."""
-    names = ("head_position_m", "head_quat_wxyz", "pelvis_position_m", "pelvis_quat_wxyz")
-    changed: dict[str, Any] = {name: change(name, getattr(track, name)) for name in names}
-    return replace(track, **changed)
+    return Track(*(change(name, rows) for name, rows in vars(track).items()))
 
 
 # The final angle is the median of so long at the end.
@@ -262,19 +252,3 @@ def settling_s(times_s: FloatArray, error_deg: FloatArray, within_deg: float) ->
     if not outside.size:
         return 0.0
     return float(times_s[min(outside[-1] + 1, times_s.size - 1)])
-
-
-def recontact_s(log: Log, back_s: float) -> float:
-    """How long after the face is back the gaze is on it again, for at least 0.5 s.
-
-    Args:
-        log: The run.
-        back_s: When the face is back, seconds.
-
-    Returns:
-        Seconds; the rest of the run if it never is.
-    """
-    after = log.time_s >= back_s - 1e-9
-    times_s = log.time_s[after]
-    found = time_to_stable(gaze_error_deg(log)[after] <= CONTACT_DEG[0], times_s, log.neck.servo_period_s)
-    return found if math.isfinite(found) else float(times_s[-1] - times_s[0])

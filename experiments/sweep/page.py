@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.aggregate import GROUP_ORDER, METRICS, bootstrap_mean, groups_of
+from experiments.aggregate import GROUP_ORDER, METRICS, bootstrap_mean, grouped, groups_of
 from experiments.engine.job import Row
 from experiments.pages import unusual
 from experiments.plots import Line, Plot
@@ -48,12 +48,11 @@ def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, r
         "group": walk.group,
         "controller": values["controller"],
         **{name: values.get(name) for name in plan.spec.varied()},
-        **{name: result[name] for name in ("controller_name", "predictor_name") if name in result},
+        **{name: result[name] for name in ("controller_name", "predictor_name", "faults") if name in result},
         "left_out": result.get("left_out"),
         "failed": result.get("failed"),
         "simulated_s": result.get("simulated_s"),
         **{name: result.get(name) for name in METRICS},
-        **({"faults": result["faults"]} if "faults" in result else {}),
     }
 
 
@@ -69,11 +68,8 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
         ``<metric>_low`` and ``<metric>_high``; None where there is nothing to say.
     """
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
-    by_point: dict[tuple[str, int], list[Row]] = {}
-    for row in done:
-        by_point.setdefault((row["case"], row["point"]), []).append(row)
     table = []
-    for of_point in by_point.values():
+    for of_point in grouped(done, "case", "point").values():
         for group in groups_of(of_point):
             chosen = [row for row in of_point if group in {"all", row["group"]}]
             people = [str(row["subject"]) for row in chosen]
@@ -186,10 +182,10 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
     ticks = distinct(rows, x)
     numeric = all(isinstance(tick, (int, float)) for tick in ticks)
     # Cases are different questions: a line never averages over them.
-    series = dict.fromkeys((row["case"], row[by]) for row in rows if row[x] is not None)
+    series = grouped((row for row in rows if row[x] is not None), "case", by)
     lines = []
-    for i, (case, one) in enumerate(series):
-        own = [r for r in rows if (r["case"], r[by]) == (case, one) and r[metric] is not None]
+    for i, ((case, one), every) in enumerate(series.items()):
+        own = [r for r in every if r[metric] is not None]
         at = distinct(own, x)
         chosen = [[r for r in own if r[x] == tick] for tick in at]
         means = [bootstrap_mean([r[metric] for r in part], [str(r["subject"]) for r in part]) for part in chosen]
@@ -198,10 +194,10 @@ def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
             value_text(one) if by == "case" or len({case for case, _ in series}) == 1 else f"{case}, {value_text(one)}"
         )
         places = np.array(at if numeric else [ticks.index(tick) for tick in at], dtype=np.float64)
-        lines.append(Line(label, _colour(rows, by, one, i, case), places, mean, np.stack([low, high], axis=1)))
+        lines.append(Line(label, _colour(rows, by, one, i, case), places, mean, ends=np.stack([low, high], axis=1)))
     title = f"{with_unit(metric)} over {with_unit(x)}"
     names = () if numeric else tuple(map(value_text, ticks))
-    return Plot(title, with_unit(x), with_unit(metric), tuple(lines), with_unit(by), names)
+    return Plot(title, with_unit(x), with_unit(metric), tuple(lines), legend=with_unit(by), ticks=names)
 
 
 def _pareto(plan: SweepPlan, table: Sequence[Row], x: str, y: str, by: str) -> Plot:
@@ -216,7 +212,7 @@ def _pareto(plan: SweepPlan, table: Sequence[Row], x: str, y: str, by: str) -> P
             Line(value_text(one), _colour(table, by, one, i), points[:, 0], points[:, 1], names=names, beside=every)
         )
     title = f"{with_unit(y)} against {with_unit(x)}: Pareto fronts"
-    return Plot(title, with_unit(x), with_unit(y), tuple(lines), with_unit(by))
+    return Plot(title, with_unit(x), with_unit(y), tuple(lines), legend=with_unit(by))
 
 
 def point_name(plan: SweepPlan, row: Row) -> str:
@@ -287,7 +283,7 @@ def sweep_page(
             "seed": str(summary["seed"]),
         },
         tables=(means_table(plan, table, "Means over clips"),),
-        charts=tuple(plot.chart() for plot in plots if not plot.ticks),
+        charts=tuple(plot for plot in plots if not plot.ticks),
         pictures={path: f"{plot.y_label} over {plot.x_label}" for path, plot in pictures.items()},
         unusual=tuple(unusual(summary, summary["limit_violations"])),
         command=command,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -209,6 +208,3 @@ def _summary(plan: SweepPlan, rows: list[Row], table: list[Row]) -> dict[str, An
 
 
 main = Command("sweep", SweepSettings, __doc__, sweep).main
-
-if __name__ == "__main__":
-    sys.exit(main())

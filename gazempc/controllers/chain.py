@@ -69,7 +69,7 @@ class _PlannedJoint:
         )
 
 
-class BodyAim:
+class BodyAim(_PlannedJoint):
     """Commands of a body for a person's direction: slowly, it brings the head back to the middle of its range.
 
     Args:
@@ -78,8 +78,7 @@ class BodyAim:
     """
 
     def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
-        self._joint = neck.joint_names.index(BODY_AXIS)
-        self._motion = _PlannedJoint(neck, self._joint, knots_s)
+        super().__init__(neck, neck.joint_names.index(BODY_AXIS), knots_s)
         limits = neck.command_limits
         self._range_rad = limits.position_min_rad[self._joint], limits.position_max_rad[self._joint]
         self._head_rad = _HEAD_SHARE * min(-limits.position_min_rad[0], limits.position_max_rad[0])
@@ -96,10 +95,6 @@ class BodyAim:
         near = np.clip(smoothed, pan_rad - self._head_rad, pan_rad + self._head_rad)
         return np.asarray(np.clip(near, *self._range_rad))
 
-    def angles_rad(self, situation: Situation, planned_rad: FloatArray, ahead_s: FloatArray) -> FloatArray:
-        """Where the body will be: commands at the knots, (K,); times from the plan's start, (H,); angles, (H,)."""
-        return self._motion.angles_rad(situation, planned_rad, ahead_s)
-
 
 class EyeAim:
     """Commands of the eyes for a person's forecast and a plan of the other joints.
@@ -113,8 +108,8 @@ class EyeAim:
     """
 
     def __init__(self, neck: NeckSpec, knots_s: FloatArray) -> None:
-        if neck.eyes is None:
-            raise ValueError(f"neck {neck.name!r} has no eyes")
+        eyes = neck.eyes
+        assert eyes is not None
         self._geometry, self._knots_s = neck.geometry, knots_s
         self._eyes = [neck.joint_names.index(name) for name in EYE_AXES]
         self._others = [_PlannedJoint(neck, i, knots_s) for i in range(neck.joints) if i not in self._eyes]
@@ -123,7 +118,6 @@ class EyeAim:
         # One set of times where both joints of the eyes are as fast.
         self._ahead_s: FloatArray = np.unique(ahead_s)
         self._at = [int(np.flatnonzero(self._ahead_s == each)[0]) for each in ahead_s]
-        eyes = neck.eyes
         # What is left to the eyes of a pan and a tilt below and above where the head rests.
         left_over = 1.0 - np.array(
             [[eyes.head_share_pan, eyes.head_share_down], [eyes.head_share_pan, eyes.head_share_up]]

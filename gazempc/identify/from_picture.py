@@ -26,13 +26,7 @@ from gazempc.identify.record import IdentificationError
 from gazempc.identify.turning import Odometer, Pulse, Turning, estimate_turns
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
-from gazempc.live.sources.camera.capture import (
-    LIKELY_FOV_DEG,
-    CameraOptions,
-    Picture,
-    check_address,
-    open_pictures,
-)
+from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, check_address, open_pictures
 from gazempc.neck.spec import AXES, Axis, NeckSpec
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.parts import split_address

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from gazempc.files.documents import as_toml
 from gazempc.identify.estimate import AxisEstimate
-from gazempc.identify.new_neck import as_toml
 from gazempc.identify.record import IdentificationError, NeckRecord
 from gazempc.identify.turning import TurnEstimate
 from gazempc.live.sources.camera.capture import CameraOptions

@@ -1,12 +1,11 @@
-"""A neck file from a data sheet: the rest by rules of thumb, marked as assumed; and TOML text of specifications."""
+"""A neck file from a data sheet: the rest by rules of thumb, marked as assumed."""
 
 from __future__ import annotations
 
 import datetime
-import json
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -14,46 +13,13 @@ from typing import TypeVar
 from pydantic import Field
 
 from gazempc.errors import SettingsError
+from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
 from gazempc.identify.urdf import UrdfNeck
 from gazempc.neck import rules
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
-
-
-def as_toml(values: Mapping[str, object]) -> str:
-    """Text that `gazempc.specfiles` reads.
-
-    Args:
-        values: Numbers, texts, truths and lists; a mapping is a table.
-
-    Returns:
-        TOML, tables last.
-    """
-    return "\n".join(_lines(values, "")) + "\n"
-
-
-def _lines(values: Mapping[str, object], within: str) -> list[str]:
-    lines = [f"{key} = {_toml(value)}" for key, value in values.items() if not isinstance(value, Mapping)]
-    for key, fields in values.items():
-        if isinstance(fields, Mapping):
-            plain = any(not isinstance(field, Mapping) for field in fields.values())
-            lines += ["", f"[{within}{key}]"] if plain else []
-            lines += _lines(fields, f"{within}{key}.")
-    return lines
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        # JSON's escapes are TOML's, but for one character that JSON leaves as it is.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return repr(value)
-
 
 _DEG = math.pi / 180.0
 # Radians a second in one of the unit. A servo's data sheet has the time for 60 degrees.
@@ -166,8 +132,7 @@ def neck_file(
         "and jerk, servo and dead time by rules of thumb: assumed, not measured"
     )
     lines = [
-        f"name = {json.dumps(name, ensure_ascii=False)}",
-        f"source = {json.dumps(source)}",
+        as_toml({"name": name, "source": source}).rstrip(),
         "control_rate_hz = 50.0              # plans a second",
         "servo_rate_hz = 200.0               # commands a second; lower it if the robot takes fewer",
         *([] if head_view_deg is None else [f"head_view_deg = {list(head_view_deg)}        # data sheet"]),

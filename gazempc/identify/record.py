@@ -69,8 +69,7 @@ class NeckRecord:
         Args:
             path: File to write, ending in ``.npz``.
         """
-        arrays: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
-        write_whole(path, lambda file: np.savez_compressed(file, **arrays))
+        write_whole(path, lambda file: np.savez_compressed(file, **vars(self)))
 
 
 def called(method: Callable[..., _T], *given: object) -> _T:

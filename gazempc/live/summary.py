@@ -162,7 +162,7 @@ class KeptLogs:
         if self._last is None:
             return None, None
         log, times = self._last
-        compute = without_nan(measure_compute(times, self._neck.control_period_s).as_dict())
+        compute = without_nan(vars(measure_compute(times, self._neck.control_period_s)))
         try:
             return without_nan(measure(log).as_dict()), compute
         except (LeftOutError, ValueError):

@@ -48,6 +48,12 @@ class Mismatch:
     dead_time_s: float = 0.0
     frequency: float = 1.0
 
+    def of(self, axis: Axis) -> Axis:
+        """The joint whose model this is; without the gain."""
+        late_s = max(axis.dead_time_s + self.dead_time_s, 0.0)
+        frequency = axis.natural_frequency_rad_s * self.frequency
+        return axis.model_copy(update={"dead_time_s": late_s, "natural_frequency_rad_s": frequency})
+
 
 EXACT = Mismatch()
 
@@ -68,13 +74,7 @@ class LinearLoop:
     def __init__(self, mpc: Mpc, index: int, error: Mismatch = EXACT) -> None:
         neck, axis = mpc.neck, mpc.neck.axes[index]
         self.period_s, self.ticks, h = neck.control_period_s, neck.servo_ticks_per_plan, neck.servo_period_s
-        self._h = h
-        joint = axis.model_copy(
-            update={
-                "dead_time_s": max(axis.dead_time_s + error.dead_time_s, 0.0),
-                "natural_frequency_rad_s": axis.natural_frequency_rad_s * error.frequency,
-            }
-        )
+        self._h, joint = h, error.of(axis)
         settled = JointAhead(axis, h, np.array([axis.dead_time_s]))
         # In a servo period the joint answers to commands sent up to so many periods ago.
         history = 1 + max(math.floor(each.dead_time_s / h + _SAME_TIME_S) for each in (axis, joint))

@@ -56,10 +56,6 @@ class Engagement:
     """Engagement of all people."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all people."""
         self._seen: dict[int, deque[tuple[float, float]]] = {}
         self._decided: dict[int, bool] = {}
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gazempc.neck.kinematics import wrapped_rad
 from gazempc.part_options import make, options_for
 from gazempc.parts import BY_NAME, POLICY, check_members
 from gazempc.people.company import NOT_AT_ALL, AttentionPolicy, Company
@@ -40,10 +41,9 @@ class Approaching:
 
     def scores(self, company: Company) -> list[float]:
         """See `AttentionPolicy.scores`."""
-        closing = [closing_m_s(person) for person in company.people]
         return [
-            _FIRST + speed if speed >= _APPROACHES_M_S else -person.distance_m
-            for person, speed in zip(company.people, closing, strict=True)
+            _FIRST + speed if (speed := closing_m_s(person)) >= _APPROACHES_M_S else -person.distance_m
+            for person in company.people
         ]
 
 
@@ -51,11 +51,11 @@ class Engaged:
     """The nearest of those who are engaged with the robot; if none is, the nearest person."""
 
     def __init__(self) -> None:
-        self._engagement = Engagement()
+        self.reset()
 
     def reset(self) -> None:
         """See `AttentionPolicy.reset`."""
-        self._engagement.reset()
+        self._engagement = Engagement()
 
     def scores(self, company: Company) -> list[float]:
         """See `AttentionPolicy.scores`."""
@@ -80,10 +80,10 @@ class Speaker:
             if sound.time_s <= self._heard_s or company.time_s - sound.time_s > _PAUSE_S:
                 continue
             self._heard_s = sound.time_s
-            off_rad = {person.number: abs(_off_rad(person, sound.azimuth_rad)) for person in company.people}
-            speaker = min(off_rad, key=lambda number: off_rad[number], default=None)
-            if speaker is not None and off_rad[speaker] <= _SPEAKER_WITHIN_RAD:
-                self._spoke_s[speaker] = sound.time_s
+            xy_m = np.array([person.position_base_m[:2] for person in company.people]).reshape(-1, 2)
+            off_rad = np.abs(wrapped_rad(np.arctan2(xy_m[:, 1], xy_m[:, 0]) - sound.azimuth_rad))
+            if off_rad.min(initial=np.inf) <= _SPEAKER_WITHIN_RAD:
+                self._spoke_s[company.people[int(off_rad.argmin())].number] = sound.time_s
         return [
             _FIRST - (company.time_s - self._spoke_s[person.number])
             if company.time_s - self._spoke_s.get(person.number, -math.inf) < _FIRST
@@ -114,11 +114,6 @@ def closing_m_s(person: PersonState) -> float:
     """Horizontal closing speed of a person, m/s."""
     distance_m = max(person.distance_m, 1e-6)
     return -float(person.position_base_m[:2] @ person.velocity_base_m_s[:2]) / distance_m
-
-
-def _off_rad(person: PersonState, azimuth_rad: float) -> float:
-    own_rad = math.atan2(person.position_base_m[1], person.position_base_m[0])
-    return float(np.angle(np.exp(1j * (own_rad - azimuth_rad))))
 
 
 def make_policy(choice: str | AttentionPolicy, options: dict[str, Any]) -> AttentionPolicy:

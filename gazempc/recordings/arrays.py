@@ -53,7 +53,6 @@ def recording_from_arrays(
         head_quat_wxyz=_quats(name, "head_quat_wxyz", head_quat_wxyz, times.size),
         pelvis_position_m=pelvis_m,
         pelvis_quat_wxyz=_quats(name, "pelvis_quat_wxyz", pelvis_quat_wxyz, times.size),
-        valid=np.ones(times.size, dtype=np.bool_),
     )
     check_motion(Path(name), times, track, in_base_frame, "row {}".format)
     return Recording(

@@ -129,5 +129,4 @@ def _to_base(track: Track, base_m: FloatArray, yaw_rad: float) -> Track:
         head_quat_wxyz=turned(track.head_quat_wxyz, -yaw_rad),
         pelvis_position_m=positions(track.pelvis_position_m),
         pelvis_quat_wxyz=turned(track.pelvis_quat_wxyz, -yaw_rad),
-        valid=track.valid,
     )

@@ -20,23 +20,26 @@ DataKind = Literal["synthetic", "motion capture", "body tracking", "tracked"]
 class Track:
     """Poses of head and pelvis at the recording's capture times.
 
-    Rows where `valid` is False hold NaN. Where the person was seen, the head's position is known. The other parts are
-    optional: a row of NaN: this part is unknown in this frame. The frame of reference is the recording's
-    own: metres, z up, right-handed; the identity quaternion faces +x with +y to the person's left.
+    Where the person was seen, the head's position is known. The other parts are optional: a row of NaN: this part is
+    unknown in this frame. The frame of reference is the recording's own: metres, z up, right-handed; the identity
+    quaternion faces +x with +y to the person's left.
 
     Attributes:
-        head_position_m: Shape (N, 3), metres.
+        head_position_m: Shape (N, 3), metres; NaN where the person was not seen.
         head_quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
         pelvis_position_m: Shape (N, 3), metres; NaN where not known.
         pelvis_quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
-        valid: Shape (N,); False where the person was not seen.
     """
 
     head_position_m: FloatArray
     head_quat_wxyz: FloatArray
     pelvis_position_m: FloatArray
     pelvis_quat_wxyz: FloatArray
-    valid: BoolArray
+
+    @property
+    def valid(self) -> BoolArray:
+        """Frames in which the person was seen, shape (N,)."""
+        return np.asarray(np.isfinite(self.head_position_m).all(axis=1))
 
     def rows(self, chosen: BoolArray) -> Track:
         """The rows that a mask of shape (N,) chooses."""

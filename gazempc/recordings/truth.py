@@ -7,13 +7,19 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from gazempc.recordings.recording import Recording
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Over a longer gap a person may do anything: it is bridged for the robot's sake, but nothing is scored against it.
 _LONGEST_GAP_S = 0.2
 # Half a servo period, in which a head moves by 4 mm at most: each frame has its tick at any rate.
 _ON_A_FRAME_S = 0.0025
 _ROUNDING_S = 1e-6
+
+
+def stretches(recording: Recording) -> list[IntArray]:
+    """Frames of each stretch in which the person was seen without a gap of more than 0.2 s."""
+    seen = np.flatnonzero(recording.truth.valid)
+    return np.split(seen, np.flatnonzero(np.diff(recording.times_s[seen]) > _LONGEST_GAP_S) + 1)
 
 
 class TrueHead:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated, get_type_hints
 
 import numpy as np
 
@@ -12,26 +13,12 @@ from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import BoolArray, FloatArray
 
-# Names of the metrics for people, with their factors.
-WORDS: Mapping[str, tuple[str, float]] = {
-    "contact_attended": ("eye contact with the person looked at [%]", 100.0),
-    "switches_per_minute": ("switches a minute", 1.0),
-    "time_to_contact_after_switch_s": ("contact after a switch, median [s]", 1.0),
-    "switches_without_contact": ("switches without contact", 1.0),
-    "switch_overshoot_deg": ("overshoot after a switch, at most [deg]", 1.0),
-    "identity_swaps": ("people taken for each other", 1.0),
-    "away_share": ("looked away [%]", 100.0),
-    "away_share_planned": ("            as planned [%]", 100.0),
-    "away_duration_ratio": ("looks away, realised / planned duration", 1.0),
-    "away_interval_ratio": ("            interval", 1.0),
-    "return_late_s": ("contact back after plan, median [ms]", 1e3),
-    "return_late_p95_s": ("            95 % within [ms]", 1e3),
-}
-
 
 @dataclass(frozen=True)
 class AttentionMetrics:
     """Metrics of the attended people and of looks away; NaN where there is nothing to measure.
+
+    Each is annotated with its name for people and its factor there.
 
     Attributes:
         contact_attended: Share of the scored time with eye contact (2.6 deg) with the attended person, where contact
@@ -51,18 +38,23 @@ class AttentionMetrics:
         return_late_p95_s: 95 % of them came back sooner.
     """
 
-    contact_attended: float
-    switches_per_minute: float
-    time_to_contact_after_switch_s: float
-    switches_without_contact: float
-    switch_overshoot_deg: float
-    identity_swaps: float
-    away_share: float
-    away_share_planned: float
-    away_duration_ratio: float
-    away_interval_ratio: float
-    return_late_s: float
-    return_late_p95_s: float
+    contact_attended: Annotated[float, "eye contact with the person looked at [%]", 100.0]
+    switches_per_minute: Annotated[float, "switches a minute", 1.0]
+    time_to_contact_after_switch_s: Annotated[float, "contact after a switch, median [s]", 1.0]
+    switches_without_contact: Annotated[float, "switches without contact", 1.0]
+    switch_overshoot_deg: Annotated[float, "overshoot after a switch, at most [deg]", 1.0]
+    identity_swaps: Annotated[float, "people taken for each other", 1.0]
+    away_share: Annotated[float, "looked away [%]", 100.0]
+    away_share_planned: Annotated[float, "            as planned [%]", 100.0]
+    away_duration_ratio: Annotated[float, "looks away, realised / planned duration", 1.0]
+    away_interval_ratio: Annotated[float, "            interval", 1.0]
+    return_late_s: Annotated[float, "contact back after plan, median [ms]", 1e3]
+    return_late_p95_s: Annotated[float, "            95 % within [ms]", 1e3]
+
+
+WORDS: Mapping[str, tuple[str, float]] = {
+    name: hint.__metadata__ for name, hint in get_type_hints(AttentionMetrics, include_extras=True).items()
+}
 
 
 def measure_attention(log: Log) -> AttentionMetrics:

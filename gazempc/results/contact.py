@@ -117,6 +117,23 @@ def time_to_stable(flags: BoolArray, time_s: FloatArray, dt_s: float) -> float:
     return time_to(_lasting(flags, round(STABLE_S / dt_s)), time_s)
 
 
+def time_to_return(log: Log, flags: BoolArray, back_s: float) -> float:
+    """Time from the return of a person to the first contact that lasts 0.5 s.
+
+    Args:
+        log: The run.
+        flags: Contact at each tick, shape (M,).
+        back_s: When the person is back, seconds; not after the last tick.
+
+    Returns:
+        Seconds from the next tick on; the rest of the run if there is none.
+    """
+    after = log.time_s >= back_s - 1e-9
+    times_s = log.time_s[after]
+    found_s = time_to_stable(flags[after], times_s, log.neck.servo_period_s)
+    return found_s if math.isfinite(found_s) else float(times_s[-1] - times_s[0])
+
+
 def time_from_start_to_contact(log: Log, error_deg: FloatArray, start_s: float) -> float:
     """Time from a start of motion to the first sustained contact that follows.
 
@@ -189,11 +206,6 @@ def aim_error_rad(log: Log, picture: FramedPicture) -> FloatArray:
 def _time_to_reacquire_s(log: Log, in_zone: BoolArray) -> float:
     order = np.argsort(log.capture_time_s, kind="stable")
     seen_s, arrived_s = log.capture_time_s[order], log.arrival_time_s[order]
-    took_s = []
-    for k in np.flatnonzero(np.diff(seen_s) > _OUT_OF_SIGHT_S) + 1:
-        after = log.time_s >= arrived_s[k] - 1e-9
-        times_s = log.time_s[after]
-        if times_s.size:
-            found_s = time_to_stable(in_zone[after], times_s, log.neck.servo_period_s)
-            took_s.append(found_s if math.isfinite(found_s) else float(times_s[-1] - times_s[0]))
+    back_s = arrived_s[1:][np.diff(seen_s) > _OUT_OF_SIGHT_S]
+    took_s = [time_to_return(log, in_zone, each_s) for each_s in back_s if each_s - 1e-9 <= log.time_s[-1]]
     return of_known(np.array(took_s))

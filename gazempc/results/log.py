@@ -13,12 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
-from gazempc.results.tables import LogFrames, frames_of
+from gazempc.results.tables import LogFrames, log_tables
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
-# Fields that a file holds as JSON text; the others are arrays.
-TEXT_FIELDS = ("run", "faults")
 
 
 class RunInfo(BaseModel):
@@ -181,11 +179,8 @@ class Log:
         Args:
             path: File to write, ending in ``.npz``, or an open one.
         """
-        arrays: dict[str, Any] = {
-            f.name: np.asarray(getattr(self, f.name)) for f in fields(self) if f.name not in TEXT_FIELDS
-        }
-        arrays["run"] = np.asarray(self.run.as_json())
-        arrays["faults"] = np.asarray(json.dumps([vars(fault) for fault in self.faults]))
+        texts = {"run": self.run.as_json(), "faults": json.dumps([vars(fault) for fault in self.faults])}
+        arrays = {**vars(self), **texts}
         if isinstance(path, Path | str):
             write_whole(Path(path), lambda file: np.savez_compressed(file, **arrays))
         else:
@@ -200,7 +195,11 @@ class Log:
         Raises:
             ImportError: If pandas is not installed (extra ``pandas``).
         """
-        return frames_of(vars(self))
+        try:
+            import pandas as pd  # noqa: PLC0415  (optional)
+        except ImportError:
+            raise ImportError('tables of a log need pandas: pip install -e ".[pandas]"') from None
+        return LogFrames(**{name: pd.DataFrame(columns) for name, columns in log_tables(vars(self)).items()})
 
 
 @dataclass(frozen=True)

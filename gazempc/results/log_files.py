@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from gazempc.errors import SettingsError, shown
 from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
-from gazempc.results.log import FORECAST_HORIZONS_S, TEXT_FIELDS, Fault, Log, RunInfo
+from gazempc.results.log import FORECAST_HORIZONS_S, Fault, Log, RunInfo
 
 _REASON_SHOWN = 400
 # Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
@@ -32,7 +32,7 @@ NEEDS_VIEW = 'MCAP files need more packages: pip install -e ".[view]"'
 SHAPES: Mapping[str, tuple[str | int, ...]] = {
     name: hint.__metadata__
     for name, hint in get_type_hints(Log, include_extras=True).items()
-    if name not in TEXT_FIELDS
+    if name not in ("run", "faults")  # JSON text in the file
 }
 _KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "away_why": "U", "attended_person": "i"}
 

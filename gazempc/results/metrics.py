@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -66,7 +66,7 @@ class Metrics:
 
     def as_dict(self) -> dict[str, Any]:
         """The metrics by name."""
-        return asdict(self)
+        return dict(vars(self))
 
 
 def gaze_error_deg(log: Log) -> FloatArray:

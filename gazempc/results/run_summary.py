@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -41,10 +41,6 @@ class ComputeMetrics:
     step_ms_p99: float
     step_ms_max: float
     missed_deadlines: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """The metrics by name."""
-        return asdict(self)
 
 
 def measure_compute(times: ComputeTimes, control_period_s: float) -> ComputeMetrics:
@@ -92,7 +88,7 @@ class Row:
     def as_dict(self) -> dict[str, Any]:
         """The row as it stands in `summary.json`."""
         names = {"controller": self.controller, "predictor": self.predictor}
-        return names | self.metrics.as_dict() | {"gap_closed": self.gap_closed} | self.compute.as_dict()
+        return {**names, **vars(self.metrics), "gap_closed": self.gap_closed, **vars(self.compute)}
 
 
 def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[Row]:
@@ -121,7 +117,7 @@ def faults(log: Log) -> list[dict[str, Any]]:
     Returns:
         For each event its name, how often it came, the first exception and its traceback.
     """
-    return [asdict(fault) for fault in log.faults]
+    return [dict(vars(fault)) for fault in log.faults]
 
 
 def versions() -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,12 +37,7 @@ class Repeats:
 
     def values(self, name: str) -> list[float]:
         """A figure under each seed, by its name in `summary.json`."""
-        return [float(figures[name]) for figures in self._figures]
-
-    @cached_property
-    def _figures(self) -> list[dict[str, Any]]:
-        # Once for all names: there are some seventy, and a row is copied deeply each time.
-        return [row.as_dict() for row in self.rows]
+        return [float(row.as_dict()[name]) for row in self.rows]
 
     def mean(self, name: str) -> float:
         """Mean over the seeds that have the figure; NaN if none has."""
@@ -59,7 +54,7 @@ class Repeats:
 
     def as_dict(self) -> dict[str, Any]:
         """Content of `summary.json`: mean, s.d. and the values under each seed, by figure."""
-        names = [name for name in self._figures[0] if name not in {"controller", "predictor"}]
+        names = [name for name in self.first.as_dict() if name not in {"controller", "predictor"}]
         return {
             "controller": self.first.controller,
             "predictor": self.first.predictor,

@@ -96,22 +96,3 @@ FORECAST_COLUMNS = (
     "degrees_of_freedom",
     *(f"head_true_{axis}_base_m" for axis in _AXES),
 )
-
-
-def frames_of(log: Mapping[str, Any]) -> LogFrames:
-    """Tables of a log in pandas.
-
-    Args:
-        log: Values of the fields of a `gazempc.results.log.Log`, by name.
-
-    Returns:
-        The tables.
-
-    Raises:
-        ImportError: If pandas is not installed.
-    """
-    try:
-        import pandas as pd  # noqa: PLC0415  (optional)
-    except ImportError:
-        raise ImportError('tables of a log need pandas: pip install -e ".[pandas]"') from None
-    return LogFrames(**{name: pd.DataFrame(columns) for name, columns in log_tables(log).items()})

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from gazempc.errors import RobotError, import_optional
+from gazempc.errors import RobotError, importing
 
 # Of the control table: address, bytes.
 _HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
@@ -57,8 +57,10 @@ class DynamixelBus:
         Raises:
             MissingOptionalDependencyError: If dynamixel-sdk is not installed.
         """
-        self._sdk = import_optional("dynamixel_sdk", "a Dynamixel neck", "dynamixel-sdk", "dynamixel")
-        self._packets = self._sdk.PacketHandler(2.0)
+        with importing("a Dynamixel neck", "dynamixel-sdk", "dynamixel"):
+            import dynamixel_sdk  # noqa: PLC0415  (optional)
+        self._sdk = dynamixel_sdk
+        self._packets = dynamixel_sdk.PacketHandler(2.0)
 
     @property
     def is_open(self) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import RobotError, import_optional
+from gazempc.errors import RobotError, importing
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.mujoco_model import neck_mjcf, timestep_s
 from gazempc.robots.robot import check_command
@@ -83,7 +83,8 @@ class MujocoNeck:
         """
         if self._data is not None:
             return
-        mujoco = import_optional("mujoco", "the MuJoCo neck", "mujoco", "mujoco")
+        with importing("the MuJoCo neck", "mujoco", "mujoco"):
+            import mujoco  # noqa: PLC0415
         try:
             model = mujoco.MjModel.from_xml_string(self.mjcf)
         except ValueError as error:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import RobotError, SettingsError, import_optional
+from gazempc.errors import RobotError, SettingsError, importing
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import OnvifOptions
 from gazempc.robots.speed_camera import Pair, SpeedCamera
@@ -34,7 +34,9 @@ class OnvifDevice:
     """
 
     def __init__(self, address: str, neck: NeckSpec, options: OnvifOptions) -> None:
-        self._onveef = import_optional("onveef", "the robot onvif", "onveef", "ptz")
+        with importing("the robot onvif", "onveef", "ptz"):
+            import onveef  # noqa: PLC0415
+        self._onveef = onveef
         host, _, port = address.partition(":")
         if not host or (port and not (port.isdecimal() and int(port) < 65536)):
             raise SettingsError(f"robot onvif:{address}: accepted: onvif:HOST, onvif:HOST:PORT")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import GazempcError, RobotError, import_optional
+from gazempc.errors import GazempcError, RobotError, importing
 from gazempc.neck.spec import NeckSpec, load_neck
 
 # Host, and source, that start it.
@@ -148,7 +148,8 @@ def _emulate(neck: NeckSpec, pipe: Connection) -> None:
     from gazempc.robots.studio import Studio, StudioPerson  # noqa: PLC0415
     from gazempc.robots.visca_server import ViscaServer  # noqa: PLC0415
 
-    cv2 = import_optional("cv2", "the emulated camera", "opencv-python-headless", "ptz")
+    with importing("the emulated camera", "opencv-python-headless", "ptz"):
+        import cv2  # noqa: PLC0415
     view_deg = FOV_DEG if neck.head_view_deg is None else neck.head_view_deg[0]
     studio = Studio(*_SIZE, view_deg)
     plant, lock = MujocoNeck(neck, time.monotonic), threading.Lock()

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import RobotError, SettingsError, import_optional
+from gazempc.errors import RobotError, SettingsError, importing
 from gazempc.neck.kinematics import head_angles_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import ReachyMiniOptions
@@ -98,11 +98,12 @@ class ReachyMiniNeck:
         """
         if self._threads:
             return
-        client = import_optional("websockets.sync.client", "Reachy Mini", "websockets", "reachy")
+        with importing("Reachy Mini", "websockets", "reachy"):
+            import websockets.sync.client  # noqa: PLC0415  (optional)
         self._lost = ""
         self._stop = stop = threading.Event()
         self._threads = [
-            threading.Thread(target=self._listen, args=(client.connect, stop), daemon=True),
+            threading.Thread(target=self._listen, args=(websockets.sync.client.connect, stop), daemon=True),
             threading.Thread(target=self._send, args=(stop,), daemon=True),
         ]
         for thread in self._threads:

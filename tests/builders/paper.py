@@ -26,10 +26,10 @@ def made_errors(monkeypatch, position_m, time_s=TUNED_TIME_S, rules=("paper",), 
     valid = np.ones(count, dtype=bool) if valid is None else valid
     seen = [np.where(valid[:, None], x, np.nan) for x in (position_m, head, position_m - [0, 0, 0.6], waist)]
     times_s = np.arange(count) / 30
-    truth = Track(position_m, head, position_m - [0, 0, 0.6], waist, np.ones(count, dtype=bool))
+    truth = Track(position_m, head, position_m - [0, 0, 0.6], waist)
     name = f"made{next(_COUNTER)}"  # never the same, as what is made of a recording is kept by its name
     labels = Labels("me", "straight")
-    recording = Recording(name, "made", "body tracking", times_s, truth, Track(*seen, valid), True, labels)
+    recording = Recording(name, "made", "body tracking", times_s, truth, Track(*seen), True, labels)
     scene = SimpleNamespace(walk=recording)
     monkeypatch.setattr(frames, "make_scene", lambda _: scene)
     row = execute(FrameJob(name, time_s, rules, 0))

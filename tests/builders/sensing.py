@@ -22,7 +22,7 @@ def standing(seconds, head_m=HEAD_M, facing_away_deg=0.0, rate_hz=30.0):
     yaw_rad = np.arctan2(-head_m[1], -head_m[0]) + np.deg2rad(np.broadcast_to(facing_away_deg, times_s.shape))
     quats = Rotation.from_euler("z", yaw_rad[:, None]).as_quat(scalar_first=True)
     heads = np.tile(head_m, (times_s.size, 1))
-    track = Track(heads, quats, heads - [0.0, 0.0, 0.7], quats, np.ones(times_s.size, dtype=bool))
+    track = Track(heads, quats, heads - [0.0, 0.0, 0.7], quats)
     return Recording("standing", "made here", "motion capture", times_s, track, None, True)
 
 

@@ -9,7 +9,7 @@ from experiments.aggregate import TIMING
 from experiments.compare import CompareSettings, runs_of
 from experiments.sweep.plan import load_plan
 from gazempc.errors import SettingsError
-from gazempc.identify.new_neck import as_toml
+from gazempc.files.documents import as_toml
 from gazempc.neck.spec import load_neck
 
 SMALL = {

@@ -12,7 +12,7 @@ import numpy as np
 from builders.ros2_real import ENVIRONMENT, rclpy_or_skip
 from builders.waiting import wait_for
 
-from gazempc.identify.new_neck import as_toml
+from gazempc.files.documents import as_toml
 from gazempc.neck.spec import load_neck
 
 rclpy = rclpy_or_skip()

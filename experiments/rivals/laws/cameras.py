@@ -56,7 +56,6 @@ class AutoPtz(Rival):
         super().__init__(neck, camera)
         self.period_s = 1.0 / camera.rate_hz
         self._top_rad_s = speed_scale * neck.velocity_max_rad_s
-        self._filter = OneEuro(least_cutoff_hz=1.1, beta=0.03, speed_cutoff_hz=1.0)
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
@@ -77,7 +76,7 @@ class AutoPtz(Rival):
 
     def _forget(self) -> None:
         self._error: FloatArray | None = None
-        self._filter.reset()
+        self._filter = OneEuro(least_cutoff_hz=1.1, beta=0.03, speed_cutoff_hz=1.0)
         self._velocity, self._filtered, self._sign = np.zeros(2), np.zeros(2), np.zeros(2)
         self._resting, self._swings, self._frames = False, 0.0, 0
         self._anchor: tuple[float, FloatArray, FloatArray] | None = None
@@ -156,10 +155,6 @@ class OneEuro:
 
     def __init__(self, least_cutoff_hz: float, beta: float, speed_cutoff_hz: float) -> None:
         self._least_cutoff_hz, self._beta, self._speed_cutoff_hz = least_cutoff_hz, beta, speed_cutoff_hz
-        self.reset()
-
-    def reset(self) -> None:
-        """Take the next input as it is."""
         self._value: FloatArray | None = None
         self._input: FloatArray | None = None
 

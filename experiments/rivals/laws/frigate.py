@@ -69,11 +69,10 @@ class Frigate(Rival):
         self._image_px = np.array([camera.width_px, camera.height_px], dtype=np.float64)
         self._px_per_rad = 0.5 * self._image_px / np.tan(self._half_view_rad)
         self._move_time, self._faces_tall = move_time, faces_tall
-        self._detector = FrameRate(1.0 / _FPS)
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
-        self._detector.reset()
+        self._detector = FrameRate(1.0 / _FPS)
         self._goal_rad = view.joints.position_rad
         self._filter: CornerFilter | None = None
         self._frame_s = self._started_s = self._stopped_s = -math.inf

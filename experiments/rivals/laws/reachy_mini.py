@@ -43,14 +43,10 @@ class ReachyMini(Rival):
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, filtered: bool = True) -> None:
         super().__init__(neck, camera)
         self._filtered = filtered
-        self._detector = FrameRate(_DETECTION_PERIOD_S)
-        self._gate, self._filter = Gate(), ImageFilter()
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
-        self._detector.reset()
-        self._gate.reset()
-        self._filter.reset()
+        self._detector, self._gate, self._filter = FrameRate(_DETECTION_PERIOD_S), Gate(), ImageFilter()
         self._seen_s = -math.inf
         self._command_rad = view.joints.position_rad
         self._aim = self._target = _orientation(view.joints.position_rad)
@@ -65,7 +61,7 @@ class ReachyMini(Rival):
             self._target = _look_along(_orientation(head_rad).apply(ray(self._camera, offset)))
             self._seen_s = view.time_s
         if view.time_s - self._seen_s >= _LOSS_S and self._seen_s > -math.inf:
-            self._filter.reset()
+            self._filter = ImageFilter()
             self._target = Rotation.identity()
         sent_rad = self._command_rad
         left = self._aim.inv() * self._target
@@ -114,18 +110,12 @@ class Gate:
     """Takes faces near the last one; after 20 missed detections, here their time, any face."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the last face."""
-        self._offset: FloatArray | None = None
-        self._seen_s = -math.inf
+        self._offset, self._seen_s = np.zeros(2), -math.inf
 
     def takes(self, detection: Detection) -> bool:
         """Whether this is the tracked face."""
-        if detection.capture_time_s - self._seen_s > _MISSES * _DETECTION_PERIOD_S:
-            self.reset()
-        if self._offset is not None and np.linalg.norm(detection.offset - self._offset) > _LONGEST_JUMP:
+        recent = detection.capture_time_s - self._seen_s <= _MISSES * _DETECTION_PERIOD_S
+        if recent and np.linalg.norm(detection.offset - self._offset) > _LONGEST_JUMP:
             return False
         self._offset, self._seen_s = detection.offset, detection.capture_time_s
         return True
@@ -135,10 +125,6 @@ class ImageFilter:
     """Low-pass with a dead zone and a higher gain for fast changes."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Start at the next place."""
         self._filtered: FloatArray | None = None
         self._raw: FloatArray | None = None
 

@@ -178,12 +178,12 @@ class Op3(PointToPoint):
 
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, detection_period_s: float = 1.0 / 30.0) -> None:
         super().__init__(neck, camera)
-        self._detector = FrameRate(detection_period_s)
+        self._detection_period_s = detection_period_s
 
     def start(self, view: View) -> None:
         """See `Rival.start`."""
         super().start(view)
-        self._detector.reset()
+        self._detector = FrameRate(self._detection_period_s)
         self._error_rad: FloatArray | None = None
 
     def step(self, view: View) -> FloatArray:

@@ -116,10 +116,6 @@ class Mpc:
         else:
             self.ocps = programs(smoothing_time_s, PLAIN_DAMPING, False)
             self.acquisition_ocps = programs(quick_s, ACQUISITION_DAMPING, True)
-        # Signs of the last motion of pan and tilt.
-        self._ways = [0.0] * len(AXES)
-        # Duration of the present excursion of the forecast from the zone; it decreases inside.
-        self._outside_s = [0.0] * len(AXES)
         # The first knot is the command before the plan starts.
         self._knots_s: FloatArray = period_s * np.arange(1.0, knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
@@ -134,10 +130,13 @@ class Mpc:
         self._pan_ahead_s: FloatArray = neck.dead_time_s[0] + self._times_s
         self._head_ahead_s: FloatArray = np.concatenate([dead_s + self._times_s for dead_s in dead_times_s])
         self._forecasts_of = {"pan": slice(0, n), "tilt": slice(self._head_ahead_s.size - n, self._head_ahead_s.size)}
+        self.reset()
 
     def reset(self) -> None:
         """Drop warm starts, the state of acquisition and of the zone; all else is in the situation."""
+        # Signs of the last motion of pan and tilt.
         self._ways = [0.0] * len(AXES)
+        # Duration of the present excursion of the forecast from the zone; it decreases inside.
         self._outside_s = [0.0] * len(AXES)
         for acquisition in self._acquisitions:
             acquisition.reset()

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.command import Progress
+from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
-from gazempc.identify.new_neck import as_toml
 from gazempc.identify.tracker.errors import Errors
 from gazempc.identify.tracker.measure import TrackerErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track

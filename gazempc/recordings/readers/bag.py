@@ -8,19 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, suggest
-from gazempc.recordings.readers.bag_frames import (
-    FIXED_FRAMES,
-    Axes,
-    FrameTree,
-    Poses,
-    forward,
-    person_axes,
-)
-from gazempc.recordings.readers.bag_messages import (
-    FACES,
-    TF,
-    read_messages,
-)
+from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, Axes, FrameTree, Poses, forward, person_axes
+from gazempc.recordings.readers.bag_messages import FACES, TF, read_messages
 from gazempc.recordings.readers.bag_people import PREFIXES, Sighted, is_person, people_in
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
@@ -93,8 +82,7 @@ def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sight
     frame, axes, poses, notes = _in_frame(path, frames, seen, options)
     if not poses.times_s.size:
         raise RecordingError(f"{path}: {seen.name} in {frame}", "", "no frame", "at least one in that frame")
-    every = np.ones(poses.times_s.size, dtype=np.bool_)
-    track = Track(poses.position_m, poses.quat_wxyz, *_pelvis(frames, seen, frame, axes, poses.times_s), every)
+    track = Track(poses.position_m, poses.quat_wxyz, *_pelvis(frames, seen, frame, axes, poses.times_s))
     others = [f"{other.name} ({other.poses.times_s.size} in {other.frame})" for other in people if other is not seen]
     if others:
         notes.append(f"also in the bag: {', '.join(others)}; the options person and bag_topic choose")

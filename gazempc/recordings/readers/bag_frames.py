@@ -245,9 +245,8 @@ def person_axes(
         return np.copy, ""
     front, top = int(np.argmax(np.abs(ahead))), int(np.argmax(np.abs(up)))
     if not from_sensor or front == top or min(abs(ahead[front]), abs(up[top])) < _POINTS:
-        return partial(
-            np.full_like, fill_value=np.nan
-        ), "orientations left out: no axis points up and another to the sensor"
+        note = "orientations left out: no axis points up and another to the sensor"
+        return partial(np.full_like, fill_value=np.nan), note
     x, z = np.sign(ahead[front]) * np.eye(3)[front], np.sign(up[top]) * np.eye(3)[top]
     turn = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
     names = [f"{'-' if axis.sum() < 0 else '+'}{'xyz'[k]}" for k, axis in ((front, x), (top, z))]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gazempc.errors import MissingOptionalDependencyError, RecordingError, SettingsError, shown
+from gazempc.errors import RecordingError, SettingsError, importing, shown
 from gazempc.files.bounds import MEGABYTE, check_file, check_unpacked, most_unpacked_bytes, read_limited
 from gazempc.files.documents import check_yaml
 
@@ -74,11 +74,9 @@ def read_messages(path: Path) -> tuple[Mapping[str, str], list[BagMessage]]:
         RecordingError: If this is no bag, or it is damaged.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
-    try:
+    with importing("Reading ROS 2 bags", "rosbags", "bags"):
         from rosbags.rosbag2 import Reader  # noqa: PLC0415 - optional
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - optional
-    except ImportError:
-        raise MissingOptionalDependencyError("Reading ROS 2 bags", "rosbags", "bags") from None
     # These definitions are the same in all releases of ROS 2.
     store = get_typestore(Stores.ROS2_FOXY)
     for name, definition in _OWN_TYPES.items():

@@ -13,20 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gazempc.recordings.readers.bag_frames import (
-    FrameTree,
-    Poses,
-    poses_of,
-    usable,
-)
-from gazempc.recordings.readers.bag_messages import (
-    FACES,
-    POSE_TYPES,
-    TF,
-    BagMessage,
-    person_of_topic,
-    stamp_ns,
-)
+from gazempc.recordings.readers.bag_frames import FrameTree, Poses, poses_of, usable
+from gazempc.recordings.readers.bag_messages import FACES, POSE_TYPES, TF, BagMessage, person_of_topic, stamp_ns
 
 # In the order of preference: a face is measured, a person is derived from faces and bodies.
 PREFIXES = ("face_", "head_", "person_", "body_")
@@ -115,12 +103,8 @@ def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
 
 def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
     """Person by face."""
-    found: dict[str, str] = {}
-    for message in messages:
-        person = person_of_topic(message.topic)
-        if person is not None and message.content.data:
-            found[message.content.data] = person
-    return found
+    named = ((message, person_of_topic(message.topic)) for message in messages)
+    return {message.content.data: person for message, person in named if person is not None and message.content.data}
 
 
 def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | None:

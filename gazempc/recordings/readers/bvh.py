@@ -85,7 +85,6 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
         head_quat_wxyz=quats(head),
         pelvis_position_m=unit_m * out.apply(hips_position),
         pelvis_quat_wxyz=quats(hips),
-        valid=np.ones(len(bvh.motion), dtype=np.bool_),
     )
     times_s = frame_s * np.arange(len(bvh.motion), dtype=np.float64)
     notes = [inferred, *left_out]

@@ -235,13 +235,6 @@ def _mirrored(joints: list[Joint]) -> Pairs:
     return max(found, key=len)
 
 
-def _children(joints: list[Joint]) -> list[list[int]]:
-    children: list[list[int]] = [[] for _ in joints]
-    for index, joint in enumerate(joints[1:], start=1):
-        children[joint.parent].append(index)
-    return children
-
-
 def _middle_end(joints: list[Joint], pairs: Pairs) -> list[int]:
     """Head of a figure with two sides: the far end of its middle; several where equally plausible."""
     of_sides = {index for pair in pairs for index in pair}
@@ -249,7 +242,8 @@ def _middle_end(joints: list[Joint], pairs: Pairs) -> list[int]:
     for index, joint in enumerate(joints[1:], start=1):
         length[index] = length[joint.parent] + np.linalg.norm(joint.offset)
         middle[index] = middle[joint.parent] and index not in of_sides
-    leaves = [k for k, grown in enumerate(_children(joints)) if middle[k] and not any(middle[child] for child in grown)]
+    grown_on = {joint.parent for joint, is_middle in zip(joints, middle, strict=True) if is_middle}
+    leaves = [k for k, is_middle in enumerate(middle) if is_middle and k not in grown_on]
     far = max(length[leaf] for leaf in leaves)
     if not pairs or far == 0.0:
         return []

@@ -202,8 +202,6 @@ def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArr
     Raises:
         RecordingError: Names the time, and what is accepted.
     """
-    if not times_s.size:
-        return
     since_s, steps_s = times_s - times_s[0], np.diff(times_s, prepend=times_s[0])
     after = int(np.argmax(steps_s))
     if steps_s[after] > MOST_GAP_S:

@@ -118,7 +118,6 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
         head_quat_wxyz=_spread(turns[head].as_quat(scalar_first=True), seen),
         pelvis_position_m=_spread(1e-3 * level.apply(positions_mm["PELVIS"]), seen),
         pelvis_quat_wxyz=_spread(turns["PELVIS"].as_quat(scalar_first=True), seen),
-        valid=seen,
     )
     times_s = (times_usec[first : last + 1] - times_usec[first]) * 1e-6
     return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE)

@@ -41,9 +41,7 @@ class ReadOptions(BaseModel):
         description="Pitch of the camera in degrees, positive if it looks up; makes its frame level.",
     )
     bvh_unit_m: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Metres per unit of a BVH file; default: inferred from the person's height.",
+        default=None, gt=0.0, description="Metres per unit of a BVH file; default: inferred from the person's height."
     )
     bvh_frame_rate_hz: float | None = Field(
         default=None, gt=0.0, description="Frames per second of a BVH file; default: its own Frame Time."
@@ -63,8 +61,7 @@ class ReadOptions(BaseModel):
         "by the feet, else by the direction of travel.",
     )
     bvh_up_axis: Literal["y", "z"] | None = Field(
-        default=None,
-        description="Axis of a BVH file that points up; default: from the hips to the head.",
+        default=None, description="Axis of a BVH file that points up; default: from the hips to the head."
     )
     bag_topic: str | None = Field(
         default=None, description="Topic of a ROS 2 bag with the head; default: the topic with the longest track."

@@ -105,13 +105,13 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
         raise SettingsError(f"--reading.person {person}: {path} has no column of people; give person=COLUMN")
     columns = Columns(table, who)
     times_s, track = read_parts(columns, mapping)
-    mine = np.ones(times_s.size, dtype=np.bool_)
+    known, mine = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        mine, who, more = rows_of_person(table, columns.one(mapping.person), track.valid, person)
+        mine, who, more = rows_of_person(table, columns.one(mapping.person), known, person)
         notes += more
-    notes += _dropped(table, track.valid, mine)
-    rows, frame = np.flatnonzero(track.valid & mine), ros_frame(columns, mapping)
-    times_s, track = times_s[rows], track.rows(track.valid & mine)
+    notes += _dropped(table, known, mine)
+    rows, frame = np.flatnonzero(known & mine), ros_frame(columns, mapping)
+    times_s, track = times_s[rows], track.rows(known & mine)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
     if frame is not None and mapping.head_axes is None and not track.positions_only:
         turn, note = person_axes(track.head_position_m, track.head_quat_wxyz, at_sensor, who.startswith("face_"))

@@ -127,12 +127,10 @@ def generate_everyday(name: str) -> Recording:
 
 def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -> tuple[FloatArray, Track]:
     times_s = np.arange(round(rng.uniform(*_DURATION_S) * FRAME_RATE_HZ)) / FRAME_RATE_HZ
-    speed_m_s, step_s = np.zeros_like(times_s), 0.0
+    speed_m_s, step_s, heading_rad = np.zeros_like(times_s), 0.0, 0.0
     if activity in ("start", "stop"):
         speed_m_s, step_s = _speed(rng, walker, times_s, activity)
-    walked_m = np.column_stack([cumulative_trapezoid(speed_m_s, times_s, initial=0), np.zeros_like(times_s)])
-    heading_rad, base_m = 0.0, walked_m
-    if activity in ("start", "stop"):
+        walked_m = np.column_stack([cumulative_trapezoid(speed_m_s, times_s, initial=0), np.zeros_like(times_s)])
         wanted_rad = rng.choice([-1.0, 1.0]) * rng.uniform(*_WALK_HEADING_RAD)
         middle_m = np.array([rng.uniform(2.8, 3.4), 0.0])
         centred_m = walked_m - 0.5 * (walked_m[0] + walked_m[-1])
@@ -140,7 +138,7 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
         base_m = middle_m + centred_m[:, :1] * np.array([np.cos(heading_rad), np.sin(heading_rad)])
     else:
         distance_m, bearing_rad = rng.uniform(*_DISTANCE_M), rng.uniform(-_BEARING_RAD, _BEARING_RAD)
-        base_m = walked_m + distance_m * np.array([np.cos(bearing_rad), np.sin(bearing_rad)])
+        base_m = np.tile(distance_m * np.array([np.cos(bearing_rad), np.sin(bearing_rad)]), (times_s.size, 1))
 
     # People who stand face the robot more or less; people who walk turn to the direction of travel in the first steps,
     # and away from it during the last.
@@ -155,10 +153,7 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
         turns = _turns(rng, times_s)
 
     def turned_rad(ahead_s: float) -> FloatArray:
-        yaw_rad = np.full_like(times_s, facing_rad)
-        for turn in turns:
-            yaw_rad += turn.heading_rad(times_s + ahead_s)
-        return yaw_rad
+        return sum((turn.heading_rad(times_s + ahead_s) for turn in turns), np.full_like(times_s, facing_rad))
 
     body_rad = turned_rad(walker.pelvis_lead_s)
     if activity == "turn_on_spot":
@@ -200,7 +195,6 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
             PELVIS_HEIGHT_RATIO * sway_m, gait.pelvis_left_m, PELVIS_HEIGHT_RATIO * walker.head_height_m
         ),
         pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad, level, level),
-        valid=np.ones(times_s.size, dtype=np.bool_),
     )
 
 

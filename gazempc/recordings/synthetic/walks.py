@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.recordings.recording import Labels, Recording, Track
+from gazempc.recordings.recording import Labels, Recording, Track, turned
 from gazempc.recordings.synthetic.gait import (
     PELVIS_HEIGHT_RATIO,
     WalkerTraits,
@@ -124,7 +124,6 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath
         head_quat_wxyz=quat_wxyz(head_yaw_rad, pitch_rad + gait.head_pitch_rad, roll_rad + gait.head_roll_rad),
         pelvis_position_m=position_base_m(gait.ahead_m, gait.pelvis_left_m, pelvis_height_m),
         pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad, level, level),
-        valid=np.ones(len(times_s), dtype=np.bool_),
     )
 
 
@@ -136,15 +135,13 @@ def quat_wxyz(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) 
 
 def measured_track(rng: np.random.Generator, truth: Track) -> Track:
     """Measurements of a person by a body tracker in the origin of the frame: noise, bias and missing frames."""
-    count = len(truth.valid)
     bias_m = rng.uniform(-_DEPTH_BIAS_M, _DEPTH_BIAS_M)
-    valid = rng.uniform(size=count) >= _MISSING_SHARE
+    valid = rng.uniform(size=len(truth.head_position_m)) >= _MISSING_SHARE
     return Track(
         head_position_m=_seen_position_m(rng, truth.head_position_m, bias_m, valid),
         head_quat_wxyz=_seen_quat_wxyz(rng, truth.head_quat_wxyz, valid),
         pelvis_position_m=_seen_position_m(rng, truth.pelvis_position_m, bias_m, valid),
         pelvis_quat_wxyz=_seen_quat_wxyz(rng, truth.pelvis_quat_wxyz, valid),
-        valid=valid,
     )
 
 
@@ -163,5 +160,4 @@ def _seen_position_m(rng: np.random.Generator, position_m: FloatArray, bias_m: f
 def _seen_quat_wxyz(rng: np.random.Generator, quat_wxyz: FloatArray, valid: BoolArray) -> FloatArray:
     """Turn orientations, shape (N, 4), about the vertical by the noise of the yaw."""
     noise_rad = _YAW_NOISE_RAD * rng.normal(size=len(quat_wxyz))
-    turned = Rotation.from_euler("Z", noise_rad[:, None]) * Rotation.from_quat(quat_wxyz, scalar_first=True)
-    return np.where(valid[:, None], turned.as_quat(scalar_first=True), np.nan)
+    return np.where(valid[:, None], turned(quat_wxyz, noise_rad), np.nan)

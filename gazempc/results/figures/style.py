@@ -61,24 +61,22 @@ class SeriesLook:
     Attributes:
         line: Line style, as matplotlib takes it.
         marker: Marker.
-        hatch: Hatching of a bar.
     """
 
     line: Any
     marker: str
-    hatch: str
 
 
 # The first one is that of a picture with one series.
 _SERIES = (
-    SeriesLook("-", "o", ""),
-    SeriesLook((0, (4, 1.5)), "s", "//"),
-    SeriesLook((0, (1, 1.2)), "^", ".."),
-    SeriesLook((0, (6, 1.5, 1, 1.5)), "D", "xx"),
-    SeriesLook((0, (8, 3)), "v", "\\\\"),
-    SeriesLook((0, (3, 1, 1, 1, 1, 1)), "P", "++"),
-    SeriesLook((0, (2, 3)), "*", "oo"),
-    SeriesLook((0, (10, 2, 2, 2)), "X", "--"),
+    SeriesLook("-", "o"),
+    SeriesLook((0, (4, 1.5)), "s"),
+    SeriesLook((0, (1, 1.2)), "^"),
+    SeriesLook((0, (6, 1.5, 1, 1.5)), "D"),
+    SeriesLook((0, (8, 3)), "v"),
+    SeriesLook((0, (3, 1, 1, 1, 1, 1)), "P"),
+    SeriesLook((0, (2, 3)), "*"),
+    SeriesLook((0, (10, 2, 2, 2)), "X"),
 )
 
 _STYLES = {

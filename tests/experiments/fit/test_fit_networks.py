@@ -8,7 +8,7 @@ from scipy.optimize import approx_fprime
 from scipy.stats import f as f_distribution
 
 from experiments.fit.networks import fit_networks, seen_distance2
-from experiments.fit.spread import Spread, SpreadLikelihood, calibrate, fit_spread
+from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
 from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion, WalkerModel
 
@@ -89,7 +89,7 @@ def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v
     scale = np.exp(u @ true)[:, None, None]
     error = t_errors(rng, n, scale, true_v)
     error[::7, 6:] = np.nan
-    found = fit_spread(u, np.zeros((n, 3)), error, np.ones(n))
+    found = fit_spread(Found(u, np.zeros((n, 3)), error, np.ones(n)))
     assert chosen[0] <= found.degrees_of_freedom <= chosen[1]
     assert found.log_spread.shape == (3, KNOTS, 3)
     assert found.log_spread_hidden.shape == (found.hidden.shape[1], KNOTS, 3)
@@ -107,7 +107,7 @@ def test_the_gradient_of_the_likelihood_is_its_slope():
     u = np.column_stack([np.ones(40), rng.standard_normal((40, 2))])
     error = t_errors(rng, 40, 0.05, 5.0)
     error[3:9, 2] = np.nan
-    likelihood = SpreadLikelihood(u, some_noise(rng, 40), error, rng.uniform(0.5, 2.0, 40))
+    likelihood = SpreadLikelihood(Found(u, some_noise(rng, 40), error, rng.uniform(0.5, 2.0, 40)))
     x = likelihood.start()
     x += 0.1 * rng.standard_normal(x.size)
     x[-1] = 6.3
@@ -121,7 +121,7 @@ def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
     u, error = np.ones((8000, 1)), t_errors(rng, 8000, 0.1, v)
     nothing_hidden = np.zeros((1, 0)), np.zeros((0, KNOTS, 3))
     before = Spread(np.full((1, KNOTS, 3), np.log(said)), *nothing_hidden, np.zeros(KNOTS), v)
-    found = calibrate(before, u, np.zeros((8000, 3)), error, np.ones(8000))
+    found = calibrate(before, Found(u, np.zeros((8000, 3)), error, np.ones(8000)))
     np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.04)
     assert found.degrees_of_freedom == v
     np.testing.assert_array_equal(before.log_spread, np.log(said))

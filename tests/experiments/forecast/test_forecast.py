@@ -168,7 +168,7 @@ def smoothed_m(times_s, head_m, valid=True):
     """The smoothed truth of a head with these frames."""
     made = recording_from_arrays("made", times_s, head_m)
     valid = np.broadcast_to(valid, times_s.shape)
-    truth = replace(made.truth, head_position_m=np.where(valid[:, None], head_m, np.nan), valid=valid)
+    truth = replace(made.truth, head_position_m=np.where(valid[:, None], head_m, np.nan))
     return smooth_truth(replace(made, truth=truth), OVER_S).truth.head_position_m
 
 

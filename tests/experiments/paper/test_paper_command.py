@@ -30,8 +30,7 @@ def write_walks(folder):
     lines = ["clip,subject,group"]
     for name in WALKS:
         walk = generate(name)
-        *columns, _ = vars(walk.truth).values()
-        values = np.column_stack([walk.times_s, *columns])[:100]
+        values = np.column_stack([walk.times_s, *vars(walk.truth).values()])[:100]
         np.savetxt(folder / f"{name}.csv", values, "%.6f", ",", header=",".join(COLUMNS), comments="")
         lines.append(f"{name},{walk.labels.subject},{walk.labels.group}")
     (folder / "index.csv").write_text("\n".join(lines))

@@ -9,10 +9,11 @@ import pytest
 
 from experiments.rivals.rival import View
 from experiments.rivals.simulate import on_the_head, simulate
-from experiments.rivals.trials import make_trial, overshoot_deg, recontact_s, response, reversals, settling_s
+from experiments.rivals.trials import make_trial, overshoot_deg, response, reversals, settling_s
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.recording import Track
-from gazempc.results.metrics import measure
+from gazempc.results.contact import time_to_return
+from gazempc.results.metrics import gaze_error_deg, measure
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensor import load_sensor
 
@@ -137,5 +138,6 @@ def test_who_settles_beside_the_face_rests_off_it() -> None:
 def test_back_in_contact_counts_from_the_return_and_must_last() -> None:
     truth = np.zeros(TIMES_S.size)
     off = np.where((TIMES_S < 4.0) | ((TIMES_S > 4.3) & (TIMES_S < 6.0)), 10.0, 1.0)
-    assert recontact_s(log_of(off, truth), 3.0) == pytest.approx(3.0, abs=0.006)
-    assert recontact_s(log_of(truth + 10.0, truth), 3.0) == pytest.approx(TIMES_S[-1] - 3.0)
+    for pan_deg, expected_s in ((off, 3.0), (truth + 10.0, TIMES_S[-1] - 3.0)):
+        log = log_of(pan_deg, truth)
+        assert time_to_return(log, gaze_error_deg(log) <= 2.6, 3.0) == pytest.approx(expected_s, abs=0.006)

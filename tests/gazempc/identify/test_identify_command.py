@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from builders.identification import altered
 
+from gazempc.files.documents import as_toml
 from gazempc.identify import identify
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
 from gazempc.identify.identified import neck_toml
 from gazempc.identify.latency import log_latency
-from gazempc.identify.new_neck import as_toml
 from gazempc.neck.spec import load_neck
 from gazempc.results.log_files import load_log
 from gazempc.run import main as run_main

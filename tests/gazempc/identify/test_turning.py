@@ -7,9 +7,9 @@ import pytest
 from scipy import signal
 from scipy.ndimage import gaussian_filter
 
+from gazempc.files.documents import as_toml
 from gazempc.identify.identified import TurnedAxis, option_words, turned_table, turned_toml
 from gazempc.identify.identify import main
-from gazempc.identify.new_neck import as_toml
 from gazempc.identify.record import IdentificationError
 from gazempc.identify.turning import Interval, Odometer, Pulse, TurnEstimate, Turning, estimate_turns
 from gazempc.neck.spec import load_neck

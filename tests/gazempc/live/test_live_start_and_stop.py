@@ -16,7 +16,7 @@ from builders.recordings import reordered
 from builders.robots import Spied
 
 from gazempc.errors import GazempcError, RobotError, SettingsError
-from gazempc.identify.new_neck import as_toml
+from gazempc.files.documents import as_toml
 from gazempc.live.run import LiveRun
 from gazempc.live.session import parse
 from gazempc.live.setup import build

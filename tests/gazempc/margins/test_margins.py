@@ -9,7 +9,7 @@ import pytest
 from experiments import swing
 from experiments.console import main as gazempc
 from gazempc.controllers.mpc.mpc import Mpc
-from gazempc.identify.new_neck import as_toml
+from gazempc.files.documents import as_toml
 from gazempc.margins.linear_loop import EXACT, LinearLoop, Mismatch
 from gazempc.margins.margins import LEAST_DISTANCE, margins, too_small
 from gazempc.neck.spec import load_neck, neck_names

@@ -29,7 +29,6 @@ def recording(times_s, head_m, yaw=0.0, name="walk", measured=None, valid=None):
         head_quat_wxyz=np.where(seen[:, None], quats(yaws + 0.2), np.nan),
         pelvis_position_m=np.where(seen[:, None], head_m - [0.0, 0.0, 0.7], np.nan),
         pelvis_quat_wxyz=np.where(seen[:, None], quats(yaws), np.nan),
-        valid=seen,
     )
     return Recording(name, "test", "motion capture", times_s, track, measured, has_robot=True)
 

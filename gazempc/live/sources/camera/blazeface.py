@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import SettingsError, import_optional
+from gazempc.errors import SettingsError, importing
 from gazempc.types import FloatArray
 
 # The package that has the network. Its own code requires tensorflow, so it is installed without its dependencies.
@@ -75,7 +75,8 @@ def import_opencv() -> Any:
     Raises:
         MissingOptionalDependencyError: If it is not installed.
     """
-    cv2 = import_optional("cv2", "a camera", "opencv-python-headless", "camera")
+    with importing("a camera", "opencv-python-headless", "camera"):
+        import cv2  # noqa: PLC0415
     # The loop needs the other cores.
     cv2.setNumThreads(1)
     # Our own messages name cameras that do not open.

@@ -69,9 +69,7 @@ def read_parts(columns: Columns, mapping: ColumnMapping) -> tuple[FloatArray, Tr
     pelvis_m = np.where(np.isfinite(pelvis_m).all(axis=1, keepdims=True), pelvis_m, np.nan)
     found = [orientations(columns, mapping, part, axes) for part in ("head", "pelvis")]
     head_quat, pelvis_quat = (unknown if quats is None else quats for quats in found)
-    times_s = seconds(columns, mapping.t)
-    valid = np.isfinite(times_s) & np.isfinite(head_m).all(axis=1)
-    return times_s, Track(head_m @ frame.T, head_quat, pelvis_m, pelvis_quat, valid)
+    return seconds(columns, mapping.t), Track(head_m @ frame.T, head_quat, pelvis_m, pelvis_quat)
 
 
 def ros_frame(columns: Columns, mapping: ColumnMapping) -> str | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Literal, Self
@@ -10,7 +9,7 @@ from typing import Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from gazempc.errors import RecordingError, SettingsError
-from gazempc.files.documents import read_settings
+from gazempc.files.documents import as_toml, read_settings
 from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.tables.raw_table import Layout
 from gazempc.specfiles import explain, parse_spec
@@ -65,11 +64,6 @@ class ColumnMapping(BaseModel):
     def as_option(self) -> str:
         """The mapping as `--reading.columns` takes it."""
         return ", ".join(f"{key}={value}" for key, value in self.texts().items())
-
-    def as_toml(self) -> str:
-        """The mapping as a TOML file has it."""
-        # A basic string of TOML is written as one of JSON.
-        return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in self.texts().items())
 
 
 class ShippedMapping(ColumnMapping):
@@ -159,7 +153,7 @@ def save_mapping(path: Path, mapping: ColumnMapping) -> Path:
     """
     saved = saved_places(path)[0]
     try:
-        write_whole(saved, f"# Columns of {path.name}\n{mapping.as_toml()}")
+        write_whole(saved, f"# Columns of {path.name}\n{as_toml(mapping.texts())}")
     except OSError as error:
         raise RecordingError(saved, "", f"cannot be written: {error.strerror}", "a writable folder") from None
     return saved

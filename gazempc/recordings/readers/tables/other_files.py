@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, field_validator
 
-from gazempc.errors import MissingOptionalDependencyError, RecordingError
+from gazempc.errors import RecordingError, importing
 from gazempc.files.text import read_text
 from gazempc.recordings.readers.tables.people import COLUMNS
 from gazempc.recordings.readers.tables.raw_table import RawTable
@@ -36,11 +36,9 @@ def parquet_table(path: Path) -> RawTable:
         RecordingError: If the file is no such table, or columns of ours hold no numbers; rows are counted from 1.
         MissingOptionalDependencyError: If pyarrow is not installed.
     """
-    try:
+    with importing("Reading Parquet files", "pyarrow", "parquet"):
         import pyarrow as pa  # noqa: PLC0415 - optional
         import pyarrow.parquet as pq  # noqa: PLC0415 - optional
-    except ImportError:
-        raise MissingOptionalDependencyError("Reading Parquet files", "pyarrow", "parquet") from None
     try:
         file = pq.ParquetFile(path)
         arrow = file.schema_arrow

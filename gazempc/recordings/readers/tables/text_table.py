@@ -210,11 +210,8 @@ def _vicon_table(path: Path, rows: list[Row]) -> RawTable | None:
         # Vicon Tracker writes "Global Angle Anna:Anna" over the angles.
         name = name.removeprefix("Global Angle ")
         names.append(f"{name}.{axis.strip()}" if k > 1 else axis.strip())
-    of_columns = {
-        name: UNIT_WORDS[word]
-        for name, unit in zip(names, units, strict=False)
-        if (word := unit.strip().lower()) in UNIT_WORDS
-    }
+    words = [unit.strip().lower() for unit in units]
+    of_columns = {name: UNIT_WORDS[word] for name, word in zip(names, words, strict=False) if word in UNIT_WORDS}
     body = rows[first + 5 :]
     end = next((k for k, (_, row) in enumerate(body) if not is_number(row[0]) or len(row) == 1), len(body))
     return _table(path, "vicon", names, body[:end], of_columns, rows[first + 1][1][0])
