@@ -2,14 +2,14 @@
 
 import dataclasses
 
-from builders.replays import at_100_hz
 from gazempc.identify.estimate import bandwidth_hz
 from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.record import record
 from gazempc.live.clock import SimulatedClock
+from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
 
-REFERENCE = at_100_hz("reference")
+REFERENCE = load_neck("reference")
 SHORT = ExcitationSettings(duration_s=12.0)
 AXIS_NAMES = ("pan", "tilt")
 

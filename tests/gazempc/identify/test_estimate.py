@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from builders.identification import REFERENCE, altered, assert_close, plant, simulate
-from builders.replays import at_100_hz
 from scipy import signal
 
 from gazempc.identify.estimate import bandwidth_hz, estimate_axis
@@ -38,7 +37,7 @@ def test_dead_time_and_servo_are_told_apart(dead_times_s, wn, zeta):
 def test_intervals_hold_what_they_promise(clean):
     """95 % intervals of repeats with noise that is correlated in time, as of friction, hold the truth."""
     rng = np.random.default_rng(0)
-    thin = altered(clean, joint_time_s=clean.joint_time_s[::2], joint_rad=clean.joint_rad[::2])
+    thin = altered(clean, joint_time_s=clean.joint_time_s[::4], joint_rad=clean.joint_rad[::4])
     truths = (0.4, 12.0, 0.9, bandwidth_hz(12.0, 0.9))
     repeats, rho, inside, narrow = 12, 0.8, np.zeros(4), np.zeros(4)
     for _ in range(repeats):
@@ -57,9 +56,9 @@ def test_intervals_hold_what_they_promise(clean):
 def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
     """As of cheap hardware; a known delay of the stamps is taken off."""
     step = math.radians(0.088)
-    angles_rad = np.round(clean.joint_rad[::3] / step) * step
+    angles_rad = np.round(clean.joint_rad[::6] / step) * step
     angles_rad[50::97] = -math.pi
-    times_s = clean.joint_time_s[::3] + 0.03
+    times_s = clean.joint_time_s[::6] + 0.03
     taken = altered(clean, joint_time_s=np.repeat(times_s, 3), joint_rad=np.repeat(angles_rad, 3, axis=0))
     assert_close(estimate_axis(taken, 0), 0.43, 12.0, 0.9)
 
@@ -67,7 +66,7 @@ def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
 @pytest.mark.slow
 def test_eyes_and_body_are_identified_each_for_itself(tmp_path):
     """Dead times and servos of five joints, all different, from one run of the command."""
-    truth = at_100_hz("reference_eyes")
+    truth = load_neck("reference_eyes")
     eyes = {"pan": altered_axis(truth.eyes.pan, 0.06, 50.0), "tilt": altered_axis(truth.eyes.tilt, 0.045, 40.0)}
     body = altered_axis(truth.pan, 0.3, 8.0)
     truth = truth.model_copy(update={"name": "chain", "eyes": eyes, "body": body})
@@ -117,7 +116,7 @@ SPOILT = {
     ),
     "of the motion; at least 80 %": lambda t: altered(t, joint_rad=friction(t)),
     "dead time is only known to": lambda t: altered(
-        t, joint_time_s=t.joint_time_s[::20], joint_rad=with_noise(t, 3.0)[::20]
+        t, joint_time_s=t.joint_time_s[::40], joint_rad=with_noise(t, 3.0)[::40]
     ),
     "before its commands": lambda t: altered(t, joint_time_s=t.joint_time_s - 0.45),
     "at the end of what was looked for (-100 ms)": lambda t: altered(t, joint_time_s=t.joint_time_s - 0.6),

@@ -2,18 +2,17 @@
 
 import numpy as np
 import pytest
-from builders.replays import at_100_hz
 
 from gazempc.loop.drive import Drive
 from gazempc.loop.observer import JointObserver
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.results.metrics import measure
 from gazempc.sim.replay import replay_scene
 from gazempc.sim.scene import Scene, make_scene
 from gazempc.sim.sensor import load_sensor
 from gazempc.types import JointState
 
-PTZ = at_100_hz("ptz")
+PTZ = load_neck("ptz")
 H = PTZ.servo_period_s
 STILL = (0.0, 0.0, 0.0)
 SENSOR = load_sensor("reference")

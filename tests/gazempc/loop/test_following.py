@@ -9,6 +9,7 @@ from builders.replays import at_100_hz
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.loop.joints import FollowingWatch
 from gazempc.neck.servo import DelayedServo
+from gazempc.neck.spec import load_neck
 from gazempc.types import JointState
 
 NECK = at_100_hz("reference_eyes")
@@ -97,5 +98,5 @@ def test_a_camera_that_takes_speeds_is_watched_too(still):
     def reading(_, state):
         return JointState(state.time_s, frozen(state.position_rad, 0), state.velocity_rad_s) if still else state
 
-    result = run_live(neck=at_100_hz("ptz"), on_read=reading)
+    result = run_live(neck=load_neck("ptz"), on_read=reading)
     assert ("joint_not_following" in result.events) == still
