@@ -93,6 +93,11 @@ def pytest_collection() -> None:
     gc.disable()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that hold a lock come first: `--dist worksteal` begins them all in one worker, so that none waits."""
+    items.sort(key=lambda item: "real_time" not in getattr(item, "fixturenames", ()))
+
+
 def pytest_collection_finish() -> None:
     """All test modules are imported."""
     _leave_out_what_stays()
