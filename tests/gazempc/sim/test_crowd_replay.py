@@ -10,7 +10,6 @@ from builders.standing import standing_together
 from experiments.people.study import least_time_s
 from gazempc.errors import SettingsError
 from gazempc.people import people
-from gazempc.recordings.load import load_together
 from gazempc.results.attention import measure_attention
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.motion import limit_violations
@@ -101,10 +100,11 @@ def test_a_sensor_on_the_head_sees_whom_it_is_turned_to():
 
 @pytest.mark.slow
 def test_a_bag_with_two_people_is_a_scene_of_two(bags_dir):
-    two = load_together(bags_dir / "2p_AA_FV_eng_1")
+    scene = make_scene(bags_dir / "2p_AA_FV_eng_1", SceneSettings(), NECK, all_people=True)
+    two = [scene.walk, *scene.others]
     assert [walk.labels.subject for walk in two] == ["eloek", "ghfbv"]
     assert abs(two[0].times_s[0] - two[1].times_s[0]) < 0.2
-    log = replayed("engaged", recording=bags_dir / "2p_AA_FV_eng_1")
+    log = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings(attend="engaged")).log
     assert log.attended_person.max() >= 1
 
 
