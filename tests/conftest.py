@@ -1,5 +1,6 @@
 """Fixtures that several test modules share."""
 
+import atexit
 import fcntl
 import gc
 import os
@@ -15,16 +16,19 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # MuJoCo reads this when it is imported: pictures are rendered without a screen.
 os.environ.setdefault("MUJOCO_GL", "egl")
+# Matplotlib, too: figures are drawn without a screen.
+os.environ["MPLBACKEND"] = "Agg"
 
 import hypothesis
-import matplotlib
 import pytest
 
-matplotlib.use("Agg")
 pytest.register_assert_rewrite("builders")
 # Tests must not fail because a machine is busy: no deadlines, and the same examples every time.
 hypothesis.settings.register_profile("gazempc", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("gazempc")
+
+# What is left out of collection would be reported as leaked when the process ends.
+atexit.register(gc.unfreeze)
 
 ROOT = Path(__file__).resolve().parents[1]
 WALKS = Path(os.environ.get("GAZEMPC_WALKS", ROOT.parent / "shared" / "walks"))
@@ -84,9 +88,20 @@ def _there(what: str, folder: Path, variable: str, sign: str = "index.csv") -> P
     return folder
 
 
+def pytest_collection() -> None:
+    """Imports make objects that stay: no search for garbage meanwhile."""
+    gc.disable()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that hold a lock come first: `--dist worksteal` begins them all in one worker, so that none waits."""
+    items.sort(key=lambda item: "real_time" not in getattr(item, "fixturenames", ()))
+
+
 def pytest_collection_finish() -> None:
     """All test modules are imported."""
     _leave_out_what_stays()
+    gc.enable()
 
 
 @pytest.hookimpl(trylast=True)
@@ -100,8 +115,3 @@ def _leave_out_what_stays() -> None:
     """What has been imported or cached is no garbage: each later search would take time to find that out again."""
     gc.collect()
     gc.freeze()
-
-
-def pytest_sessionfinish() -> None:
-    """What is left out of collection would be reported as leaked when the process ends."""
-    gc.unfreeze()

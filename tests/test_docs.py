@@ -124,8 +124,7 @@ def test_what_is_left_out_of_a_printout():
 def test_the_quick_start_shows_what_the_command_prints(own_folder, capsys):
     """All of it but computing times, which differ from run to run."""
     shown = next(body for kind, body in FENCE.findall(page("quickstart")) if body.startswith("subject03_R4: "))
-    # As many seeds as a machine without other work takes by default.
-    settings = ["--noise-seeds", "8", "--no-figures", "--out", str(own_folder)]
+    settings = ["--noise-seeds", "3", "--no-figures", "--out", str(own_folder)]
     assert run_command(["--replay", "subject03_R4", *settings]) == 0
     printed = capsys.readouterr().out.splitlines()
     lines = [line for line in shown.splitlines() if line.strip()]

@@ -11,7 +11,7 @@ from pathlib import Path
 import gazempc as gz
 
 sheet = gz.load_neck(Path(__file__).with_name("dynamixel_pan_tilt.toml"))
-for dead_time_s in (0.1, 0.2, 0.4):
+for dead_time_s in (0.1, 0.4):
     joints = {name: getattr(sheet, name).model_copy(update={"dead_time_s": dead_time_s}) for name in ("pan", "tilt")}
     neck = sheet.model_copy(update=joints)
     for controller in ("reactive", "mpc"):
@@ -22,7 +22,5 @@ for dead_time_s in (0.1, 0.2, 0.4):
 # It prints:
 # dead time 0.1 s, reactive  6.20 deg, eye contact  30%
 # dead time 0.1 s, mpc       0.80 deg, eye contact 100%
-# dead time 0.2 s, reactive  7.74 deg, eye contact  29%
-# dead time 0.2 s, mpc       1.05 deg, eye contact  96%
 # dead time 0.4 s, reactive 10.72 deg, eye contact  21%
 # dead time 0.4 s, mpc       1.88 deg, eye contact  85%

@@ -6,7 +6,7 @@ import threading
 import numpy as np
 
 from builders.recordings import to_and_fro
-from builders.replays import run_info
+from builders.replays import NECK, run_info
 from builders.robots import Spied
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.live.clock import SimulatedClock
@@ -16,14 +16,12 @@ from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.neck.kinematics import look_at_rad
-from gazempc.neck.spec import load_neck
 from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensor import load_sensor
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
 from predictors import ConstantVelocity
 
-NECK = load_neck("reference")
 SENSOR = load_sensor("reference")
 TS = NECK.servo_period_s
 WALK = to_and_fro("subject03_R4", 3)

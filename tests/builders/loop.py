@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from builders.replays import run_info
+from builders.replays import NECK, run_info
 from builders.robots import Spied
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.live.clock import SimulatedClock
@@ -13,14 +13,12 @@ from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack
-from gazempc.neck.spec import load_neck
 from gazempc.results.motion import limit_violations
 from gazempc.settings import LoopSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
 from predictors import ConstantVelocity, HeadObservation
 
-NECK = load_neck("reference")
 TS = NECK.servo_period_s
 
 
@@ -78,8 +76,9 @@ class LoopBench:
         frames = [k / 30 for k in range(int(seconds * 30)) if seen(k / 30)]
         sightings = [Sighting(t + lead_s, HeadObservation(t, self.head_m(t))) for t in frames]
         sightings = sorted([*sightings, *extra], key=lambda s: s.arrival_s)
-        for index in range(int(seconds / TS)):
-            self.clock.sleep_until_s(index * TS)
+        tick_s = self.neck.servo_period_s
+        for index in range(int(seconds / tick_s)):
+            self.clock.sleep_until_s(index * tick_s)
             now_s = self.clock.now_s()
             due = [s for s in sightings if s.arrival_s <= now_s]
             sightings = sightings[len(due) :]
@@ -88,7 +87,7 @@ class LoopBench:
             run_info(self.neck),
             lambda t: np.where(t[:, None] <= seconds, np.array([self.head_m(x) for x in t]).reshape(-1, 3), np.nan),
         )
-        assert len(log.time_s) == int(seconds / TS)
+        assert len(log.time_s) == int(seconds / tick_s)
         if answering:
             commands_only = dataclasses.replace(log, joint_position_rad=log.command_position_rad)
             assert limit_violations(commands_only, self.neck) == 0

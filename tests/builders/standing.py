@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from builders.replays import NECK
 from gazempc.recordings.arrays import recording_from_arrays
 from gazempc.sim.scene import SceneSettings, make_scene
 
@@ -18,5 +19,5 @@ def standing(name, at_m, seconds, from_s=0.0):
 def standing_together(seconds, *places_m):
     """A scene of people who stand, base frame."""
     settings = SceneSettings(sensor="reference", placement="recorded")
-    first, *others = (make_scene(standing(f"p{k}", at_m, seconds), settings) for k, at_m in enumerate(places_m))
+    first, *others = (make_scene(standing(f"p{k}", at_m, seconds), settings, NECK) for k, at_m in enumerate(places_m))
     return replace(first, others=tuple(other.walk for other in others))

@@ -9,8 +9,6 @@ from experiments.aggregate import TIMING
 from experiments.compare import CompareSettings, runs_of
 from experiments.sweep.plan import load_plan
 from gazempc.errors import SettingsError
-from gazempc.files.documents import as_toml
-from gazempc.neck.spec import load_neck
 
 SMALL = {
     "name": "small",
@@ -29,13 +27,6 @@ def written(folder, content):
 
 def words(folder, content, *more):
     return [str(written(folder, content)), "--out", str(folder / "out"), "--no-figures", "--jobs", "1", *more]
-
-
-def quick_neck(folder, name="reference"):
-    """Path of a shipped neck at 50 Hz, which takes a fifth of the time to simulate."""
-    rates, path = {"control_rate_hz": 50.0, "servo_rate_hz": 50.0}, folder / "quick.toml"
-    path.write_text(as_toml(load_neck(name).model_copy(update=rates).model_dump(exclude_none=True)))
-    return str(path)
 
 
 def runs(out, **changes):

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 from bs4 import BeautifulSoup
-from builders.studies import quick_neck, rows_of, runs
+from builders.replays import quick_neck
+from builders.studies import rows_of, runs
 
 from experiments.compare import main
 from experiments.engine.job import models_hash

@@ -4,6 +4,7 @@ import json
 
 import pytest
 from builders.own_parts import own_module
+from builders.replays import quick_neck
 from builders.studies import rows_of
 
 from experiments.compare import main
@@ -17,6 +18,7 @@ def test_a_worker_process_finds_parts_of_ones_own_and_their_options(tmp_path, mo
     own = own_module(tmp_path, monkeypatch)
     words = ["--recordings", "subject01_R4", "--controllers", f"{own}:Sluggish", "lookahead", "--jobs", "1"]
     words += ["--predictors", f"{own}:Steady", "constant_velocity", "--options.share", "1.0", "--no-figures"]
+    words += ["--necks", quick_neck(tmp_path)]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0
     rows = {(row["controller"], row["predictor"]): row for row in rows_of(tmp_path / "out")}
     assert set(rows) == {(c, p) for c in ("sluggish", "lookahead") for p in ("steady", "constant_velocity")}

@@ -43,8 +43,8 @@ def test_a_name_that_does_not_exist_is_refused_with_those_that_do():
 
 
 def test_a_replay_by_names_is_the_replay_by_objects():
-    named = gz.replay("subject03_R1", controller="reactive", predictor="constant_velocity", neck="slow")
-    neck = gz.load_neck("slow")
+    named = gz.replay("subject03_R1", controller="reactive", predictor="constant_velocity", neck="reachy_mini")
+    neck = gz.load_neck("reachy_mini")
     objects = gz.replay(
         gz.load_recording("subject03_R1"),
         controller=gz.Reactive(neck),
@@ -54,7 +54,7 @@ def test_a_replay_by_names_is_the_replay_by_objects():
     )
     np.testing.assert_array_equal(named.command_position_rad, objects.command_position_rad)
     assert gz.measure(named).gaze_error_rms_deg == gz.measure(objects).gaze_error_rms_deg
-    other = gz.replay("subject03_R1", controller="reactive", predictor="constant_velocity", neck="slow", seed=1)
+    other = gz.replay("subject03_R1", controller="reactive", predictor="constant_velocity", neck="reachy_mini", seed=1)
     assert not np.array_equal(named.head_observed_base_m, other.head_observed_base_m)
 
 

@@ -1,7 +1,7 @@
 """Shifts of gaze beside those of people: what fits must fit."""
 
 import pytest
-from builders.studies import quick_neck
+from builders.replays import quick_neck
 
 from experiments.eyes.human import compared, main, make_shift, table
 from gazempc.neck.human import motor_scale, with_motion

@@ -1,11 +1,12 @@
 """What the tests of fits share."""
 
-import jax
 import pytest
 
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled_once(tmp_path_factory):
     """A program that JAX compiles for one fit does for another of the same shapes."""
+    import jax
+
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("jax")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

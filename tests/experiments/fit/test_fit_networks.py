@@ -14,30 +14,24 @@ from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion
 
 
 @pytest.mark.slow
-def test_networks_learn_and_are_the_same_for_the_same_seed():
-    examples, other = toy(4000, 0), toy(1000, 1)
-    fits = [fit_networks(examples, 3, 1, 200) for _ in range(2)]
+def test_networks_learn_and_are_the_same_for_the_same_seed_and_blind_ones_have_no_weights_for_yaws():
+    """Shown or hidden, what is said of head and pelvis changes nothing."""
+    examples, other = toy(2000, 0), toy(1000, 1)
+    fits = [fit_networks(examples, 3, 2, 150, sees_yaws=False) for _ in range(2)]
     for a, b in zip(fits[0][0], fits[1][0], strict=True):
         np.testing.assert_array_equal(a, b)
     weights, biases = fits[0]
-    assert weights[-1].shape[-1] == N_OUTPUTS
+    assert (weights[0].shape[:2], weights[-1].shape[-1]) == ((2, N_INPUTS), N_OUTPUTS)
+    hidden = np.zeros(N_INPUTS, dtype=bool)
+    hidden[OF_YAWS] = True
+    assert not weights[0][:, hidden].any()
+    assert weights[0][:, ~hidden].any(axis=2).all()
     model = WalkerModel(*3 * (Ensemble(weights, biases),), straight_model().log_spread)
     motion = RegimeMotion(other.line_m_s.astype(float), other.places_m.astype(float))
     regimes = model.regimes(other.network.astype(float), motion, other.precise.astype(float))
     error = model.answer(regimes, other.spread.astype(float))[0] - other.departure_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
-
-
-@pytest.mark.slow
-def test_networks_that_see_no_yaws_have_no_weights_for_them():
-    """Shown or hidden, what is said of head and pelvis changes nothing."""
-    weights, _ = fit_networks(toy(500, 0), 3, 2, 20, sees_yaws=False)
-    assert weights[0].shape[:2] == (2, N_INPUTS)
-    hidden = np.zeros(N_INPUTS, dtype=bool)
-    hidden[OF_YAWS] = True
-    assert not weights[0][:, hidden].any()
-    assert weights[0][:, ~hidden].any(axis=2).all()
 
 
 def test_errors_that_a_tracker_cannot_see_count_less():
@@ -80,7 +74,7 @@ def some_noise(rng, n):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("true_v", "chosen"), [(6.0, (5.0, 7.0)), (9.0, (7.0, 12.0)), (np.inf, (19.9, 20.0))])
+@pytest.mark.parametrize(("true_v", "chosen"), [(6.0, (5.0, 7.0)), (np.inf, (19.9, 20.0))])
 def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v, chosen):
     """Errors drawn with a known dependence of their scale on the reasons for doubt, through a tracker without error."""
     rng, n = np.random.default_rng(0), 4000

@@ -5,6 +5,7 @@ import itertools
 import json
 
 import pytest
+from builders.replays import quick_neck
 from builders.rival_bench import CAMERA
 
 from experiments.rivals.comparison import main
@@ -32,7 +33,8 @@ def run_of(rival: str, contact: float, constants: str = "", error_deg: float = 9
 @pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> None:
-    words = ["--necks", "reachy_mini", "--rivals", "humotion", "reactive", "--jobs", "1", "--out", str(tmp_path)]
+    neck = quick_neck(tmp_path, "reachy_mini")
+    words = ["--necks", neck, "--rivals", "humotion", "reactive", "--jobs", "1", "--out", str(tmp_path)]
     words += ["--recordings", "subject01_R1", "subject02_R1", "--trials", "still_seated_left", "pass_2.5m"]
     assert main([*words, "--json", str(tmp_path / "own.json")]) == 0
     rows = json.loads((tmp_path / "own.json").read_text())["rows"]

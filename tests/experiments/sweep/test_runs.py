@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 from builders.own_parts import own_module
-from builders.studies import SMALL, quick_neck, rows_of, written
+from builders.replays import quick_neck
+from builders.studies import SMALL, rows_of, written
 
 from experiments.sweep.plan import load_plan
 from experiments.sweep.sweep import SweepSettings, run_sweep, sweep

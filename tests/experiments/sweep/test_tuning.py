@@ -4,6 +4,7 @@ import contextlib
 import sys
 
 import pytest
+from builders.replays import quick_neck
 from builders.studies import rows_of, words
 
 from experiments.engine.engine import Engine
@@ -15,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 TUNED = {
     "name": "tuned",
     "recordings": ["subject01_R1"],
-    "base": {"controller": "lookahead", "neck": "reachy_mini"},
+    "base": {"controller": "lookahead"},
     "vary": {
         "lookahead.smoothing_time_s": {"low": 0, "high": 0.3},
         "predictor": ["last_position", "constant_velocity"],
@@ -31,7 +32,8 @@ def test_tuning_stopped_in_the_middle_ends_with_the_same_trials(tmp_path, monkey
     monkeypatch.setattr("experiments.sweep.sweep.BATCH", 3)
     pytest.importorskip("optuna", reason="optuna is not installed (extra tune)")
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"
-    assert main(words(whole, TUNED)) == 0
+    tuned = TUNED | {"base": TUNED["base"] | {"neck": quick_neck(tmp_path)}}
+    assert main(words(whole, tuned)) == 0
     run, runs = Engine.run, stopped / "out" / "runs"
 
     def stop_at_the_second(engine, jobs):
@@ -42,10 +44,10 @@ def test_tuning_stopped_in_the_middle_ends_with_the_same_trials(tmp_path, monkey
 
     with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
         patch.setattr(Engine, "run", stop_at_the_second)
-        main(words(stopped, TUNED))
+        main(words(stopped, tuned))
     before = {path: path.stat().st_mtime_ns for path in runs.glob("*.npz")}
     assert len(before) == 4
-    assert main(words(stopped, TUNED)) == 0
+    assert main(words(stopped, tuned)) == 0
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
     rows = rows_of(whole / "out")
     assert len(rows) == TUNED["n"]

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from builders.control import NECK, run, still
 from builders.ocp import even, ipopt_of, joint, random_states
+from builders.replays import NECK as QUICK_NECK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -203,7 +204,7 @@ def test_a_lag_limit_is_kept_in_closed_loop():
 
 
 def replayed(mpc):
-    scene = make_scene("subject03_R4", SceneSettings(start_offset_deg=30.0))
+    scene = make_scene("subject03_R4", SceneSettings(start_offset_deg=30.0), QUICK_NECK)
     return replay_scene(scene, mpc, "constant_velocity").log
 
 
@@ -213,7 +214,7 @@ def test_terms_that_press_a_limit_open_are_named():
     def far_away(o):
         return 1e7 * ca.sumsqr(o.q - 3.0)
 
-    mpc = Mpc(NECK, terms={"pan": [far_away]})
+    mpc = Mpc(QUICK_NECK, terms={"pan": [far_away]})
     log = replayed(mpc)
     assert {"limits_softened", "solver_gave_up"} & set(log.event_name.tolist())
     assert any("far_away" in fault.error and fault.error.startswith("ControllerError: pan") for fault in log.faults)
@@ -226,7 +227,7 @@ def test_a_row_that_cannot_be_kept_now_is_named():
     def at_once(o):
         return (o.q - o.r) / 1e-4
 
-    log = replayed(Mpc(NECK, rows={"pan": [at_once]}))
+    log = replayed(Mpc(QUICK_NECK, rows={"pan": [at_once]}))
     assert "own_row_softened" in log.event_name.tolist()
     assert any("at_once" in fault.error for fault in log.faults)
 
@@ -240,7 +241,7 @@ def test_by_name_on_the_command_line(tmp_path, monkeypatch):
     logs = []
     for terms in ((), ("pan=own_mpc_parts:calm",)):
         chosen = ReplaySettings.model_validate({"mpc": {"terms": terms}})
-        logs.append(replay_scene(make_scene("subject03_R4"), "mpc", "constant_velocity", chosen).log)
+        logs.append(replay_scene(make_scene("subject03_R4", neck=QUICK_NECK), "mpc", "constant_velocity", chosen).log)
     swings = [np.abs(np.diff(log.command_velocity_rad_s, axis=0)).max(axis=0) for log in logs]
     assert swings[1][0] < 0.8 * swings[0][0]
     assert swings[1][1] == swings[0][1]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from builders.control import run
+from builders.replays import NECK, at_100_hz
 
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
@@ -12,7 +13,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState
 
-EYES, BODY = load_neck("reference_eyes"), load_neck("reachy_mini_body")
+EYES, BODY = at_100_hz("reference_eyes"), load_neck("reachy_mini_body")
 EYE_LIMIT_DEG = 35.0
 
 
@@ -46,18 +47,18 @@ def test_with_the_true_future_the_gaze_stays_on_the_person(make, neck):
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
 def test_the_eyes_take_what_the_head_leaves(make):
     """The head alone is degrees off, and far smoother than that of a neck without eyes."""
-    joints, _, _ = run(make(EYES), EYES, crossing, 500, start_rad=start(EYES))
-    alone, _, _ = run(make(load_neck("reference")), load_neck("reference"), crossing, 500, start_rad=start(EYES)[:2])
+    joints, _, _ = run(make(EYES), EYES, crossing, 250, start_rad=start(EYES))
+    alone, _, _ = run(make(NECK), NECK, crossing, 250, start_rad=start(EYES)[:2])
     acceleration, of_alone = (
-        np.sqrt(np.mean(np.diff(each[100:, 0], 2) ** 2)) / EYES.servo_period_s**2 for each in (joints, alone)
+        np.sqrt(np.mean(np.diff(each[50:, 0], 2) ** 2)) / EYES.servo_period_s**2 for each in (joints, alone)
     )
     assert acceleration < 0.95 * of_alone
-    assert 1.0 < np.rad2deg(np.abs(joints[100:, 2])).max() < 20.0
+    assert 1.0 < np.rad2deg(np.abs(joints[50:, 2])).max() < 20.0
 
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
 def test_a_large_shift_is_made_by_the_eyes_first(make):
-    joints, _, error_deg = run(make(EYES), EYES, standing, 600, start_rad=np.zeros(4))
+    joints, _, error_deg = run(make(EYES), EYES, standing, 300, start_rad=np.zeros(4))
     eye_deg, head_deg = np.rad2deg(joints[:, 2]), np.rad2deg(joints[:, 0])
     at_limit = int(np.flatnonzero(eye_deg > EYE_LIMIT_DEG - 2.0)[0])
     assert head_deg[at_limit] < 1.0
@@ -70,10 +71,10 @@ def test_a_large_shift_is_made_by_the_eyes_first(make):
 def test_reactive_eyes_cancel_the_measured_head():
     """The gaze reaches a person at rest long before the head has come round."""
     joints, _, error_deg = run(
-        Reactive(EYES), EYES, lambda t: standing(t) * [1.0, 0.3, 1.0], 200, start_rad=np.zeros(4)
+        Reactive(EYES), EYES, lambda t: standing(t) * [1.0, 0.3, 1.0], 100, start_rad=np.zeros(4)
     )
-    assert error_deg[60] < 0.1
-    assert np.rad2deg(joints[60, 0]) < 1.0
+    assert error_deg[30] < 0.1
+    assert np.rad2deg(joints[30, 0]) < 1.0
 
 
 @pytest.mark.parametrize("make", [Reactive, Mpc])
@@ -116,10 +117,10 @@ def to_and_fro(times_s):
     ("make", "neck", "joint", "stuck_from_s", "ticks", "most_deg"),
     [
         # By the head in place of an eye: some 7 deg if it went on as before.
-        pytest.param(LookAhead, EYES, 2, 0.0, 1200, 0.3, id="eye from the start"),
-        pytest.param(Mpc, EYES, 2, 1.6, 1200, 0.3, id="eye on the way"),
+        pytest.param(LookAhead, EYES, 2, 0.0, 600, 0.3, id="eye from the start"),
+        pytest.param(Mpc, EYES, 2, 1.6, 600, 0.3, id="eye on the way"),
         pytest.param(Mpc, BODY, 2, 1.0, 200, 0.8, id="body"),
-        pytest.param(LookAhead, EYES, 0, 0.5, 800, 0.05, id="head"),
+        pytest.param(LookAhead, EYES, 0, 0.5, 400, 0.05, id="head"),
     ],
 )
 def test_the_others_take_over_from_a_joint_that_stands_still(make, neck, joint, stuck_from_s, ticks, most_deg):
@@ -138,7 +139,7 @@ def test_eyes_at_their_limit_are_an_event():
             plans.append(super().plan(situation))
             return plans[-1]
 
-    run(Kept(EYES), EYES, standing, 300, start_rad=np.zeros(4))
+    run(Kept(EYES), EYES, standing, 150, start_rad=np.zeros(4))
     said = ["eyes_at_limit" in plan.events for plan in plans]
     assert any(said[:15])
     assert not any(said[-5:])

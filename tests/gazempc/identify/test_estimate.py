@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from builders.identification import REFERENCE, altered, assert_close, plant, simulate
+from builders.replays import at_100_hz
 from scipy import signal
 
 from gazempc.files.documents import as_toml
@@ -66,7 +67,7 @@ def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
 @pytest.mark.slow
 def test_eyes_and_body_are_identified_each_for_itself(tmp_path):
     """Dead times and servos of five joints, all different, from one run of the command."""
-    truth = load_neck("reference_eyes")
+    truth = at_100_hz("reference_eyes")
     eyes = {"pan": altered_axis(truth.eyes.pan, 0.06, 50.0), "tilt": altered_axis(truth.eyes.tilt, 0.045, 40.0)}
     body = altered_axis(truth.pan, 0.3, 8.0)
     truth = truth.model_copy(update={"name": "chain", "eyes": eyes, "body": body})

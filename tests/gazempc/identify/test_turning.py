@@ -24,9 +24,10 @@ FOCAL = 0.5 * WIDTH / np.tan(FOV / 2)
 
 @pytest.fixture(scope="module")
 def room():
-    """Grey values by direction: 3600 columns of 0.1 deg, texture at several scales."""
+    """Grey values by direction: 3600 columns and 700 rows of 0.1 deg, texture at several scales."""
     rng = np.random.default_rng(0)
-    texture = sum(s * gaussian_filter(rng.normal(size=(1200, 3600)), s, mode="wrap") for s in (1.5, 4.0, 10.0))
+    white = (rng.standard_normal((700, 3600), np.float32) for _ in range(3))
+    texture = sum(s * gaussian_filter(each, s, mode="wrap") for each, s in zip(white, (1.5, 4.0, 10.0), strict=True))
     return np.clip(128 + 60 * texture, 0, 255).astype(np.float32)
 
 
@@ -37,7 +38,7 @@ def picture(room, pan, tilt=0.0, person=None, share=1.0, blur=0.0, seed=0):
     up = np.sin(tilt) * FOCAL - np.cos(tilt) * y
     azimuth, elevation = pan - np.arctan2(x, forward), np.arctan2(up, np.hypot(x, forward))
     column = (1800 - np.degrees(azimuth) * 10).astype(np.float32) % 3600
-    row = (600 - np.degrees(elevation) * 10).astype(np.float32)
+    row = (350 - np.degrees(elevation) * 10).astype(np.float32)
     seen = cv2.remap(room, column, row, cv2.INTER_LINEAR)
     rng = np.random.default_rng(seed)
     if person is not None:

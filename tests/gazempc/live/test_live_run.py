@@ -84,8 +84,8 @@ def test_short_logs_join_to_the_log_of_the_whole_run_and_nothing_is_kept():
         for more in ({"keep": keep, "log_s": 0.5}, {})
     )
     short.logs = logs
-    assert len(logs) == -(-short.report.ticks // 100)
-    assert all(log.time_s.size == 100 for log, _ in logs[:-1])
+    assert len(logs) == -(-short.report.ticks // 50)
+    assert all(log.time_s.size == 50 for log, _ in logs[:-1])
     differing = ["run", "faults", "event_time_s", "event_name", "forecast_true_base_m", "forecast_horizon_s"]
     for field in dataclasses.fields(whole.logs[0][0]):
         if field.name not in differing:
@@ -148,7 +148,7 @@ def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
     n = int(jump_s / TS + 1e-6)
     # A tick more may be done than there is time for, at the same instant.
     assert n - 2 <= result.report.skipped_ticks <= n
-    assert result.report.lateness.max_ms == pytest.approx(1e3 * jump_s, abs=5.1)
+    assert result.report.lateness.max_ms == pytest.approx(1e3 * jump_s, abs=1e3 * TS + 0.1)
     sent_s = np.array([now_s for now_s, _ in result.robot.received])
     assert max(np.searchsorted(sent_s, t + 10 * TS - 1e-9) - k for k, t in enumerate(sent_s)) <= 12
     # The grid of the ticks is kept.

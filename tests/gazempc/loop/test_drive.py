@@ -63,7 +63,7 @@ def test_a_controller_sees_commands_that_count_from_where_the_joint_is() -> None
 
 def test_a_replay_moves_as_with_angles() -> None:
     speeds, angles = (
-        replay_scene(Scene(WALK, taking(c), SENSOR), "mpc", "walker").log for c in ("velocity", "position")
+        replay_scene(Scene(WALK, taking(c), SENSOR), "mpc", "constant_velocity").log for c in ("velocity", "position")
     )
     # A twelfth of a degree: a speed is held for a period, and acquisition begins at a threshold.
     np.testing.assert_allclose(speeds.joint_position_rad, angles.joint_position_rad, atol=1.5e-3)
@@ -73,7 +73,7 @@ def test_a_replay_moves_as_with_angles() -> None:
 def test_a_wrong_dead_time_makes_no_oscillation() -> None:
     wrong = taking("velocity", dead_time_s=1.3 * PTZ.pan.dead_time_s)
     right, off = (
-        measure(replay_scene(Scene(WALK, PTZ, SENSOR, robot_neck=neck), "mpc", "walker").log)
+        measure(replay_scene(Scene(WALK, PTZ, SENSOR, robot_neck=neck), "mpc", "constant_velocity").log)
         for neck in (taking("velocity"), wrong)
     )
     assert off.rms_acceleration_rad_s2 < 1.3 * right.rms_acceleration_rad_s2

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from builders.live import run_live
 from builders.loop import LoopBench
+from builders.replays import at_100_hz
 
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.loop.joints import FollowingWatch
@@ -11,7 +12,7 @@ from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import load_neck
 from gazempc.types import JointState
 
-NECK = load_neck("reference_eyes")
+NECK = at_100_hz("reference_eyes")
 EYE_PAN = NECK.joint_names.index("eye_pan")
 
 
@@ -68,14 +69,14 @@ def test_a_joint_that_moves_or_cannot_be_seen_is_not_held(measured_of):
 def test_a_command_that_leaps_to_and_fro_moves_no_joint():
     """As at the end of a large shift: within the servo's lag the command is back."""
     watch, servo, dead = FollowingWatch(NECK), DelayedServo(NECK.pan, 0.0, 0.0), np.zeros(NECK.joints)
-    for tick in range(600):
+    for tick in range(300):
         now_s = tick * NECK.servo_period_s
         servo.advance_to(now_s)
         angles = np.array([servo.state[0], *dead[1:]])
         watch.measured(JointState(now_s, angles, dead))
         watch.judge()
         assert watch.held == ()
-        pan_rad = np.radians(2.5) if 200 <= tick < 206 else 0.0
+        pan_rad = np.radians(2.5) if 100 <= tick < 103 else 0.0
         watch.sent(np.array([pan_rad, *dead[1:]]))
         servo.send(pan_rad)
 

@@ -81,7 +81,7 @@ def test_where_no_motion_to_the_plan_is_found_the_smoother_stops_the_neck_and_na
     assert np.all((guarded_s > 2.0) & (guarded_s < 2.5 + 2 * TS))
     moved_rad = np.ptp(log.command_position_rad[[int(2.4 / TS), int(2.45 / TS)]], axis=0)
     assert moved_rad == pytest.approx([0.0, 0.0], abs=1e-9)
-    assert np.ptp(log.command_position_rad[int(1.9 / TS) : int(2.0 / TS), 0]) > 0.01
+    assert np.ptp(log.command_position_rad[int(1.8 / TS) : int(2.0 / TS), 0]) > 0.01
     assert error_deg(log, from_s=3.2).mean() < 1.37
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from builders.replays import at_100_hz
 
 import gazempc as gz
 from gazempc.controllers.chain import EyeAim
@@ -45,11 +46,13 @@ def test_a_region_that_the_neck_cannot_look_into_is_refused(region):
         narrowed(gz.load_neck("reference"), region, None)
 
 
-@pytest.mark.parametrize(("name", "controller"), [("reference_eyes", "mpc"), ("reachy_mini_body", "lookahead")])
-def test_a_replay_keeps_the_region_and_the_speed(name, controller):
+@pytest.mark.parametrize(
+    ("neck", "controller"), [(at_100_hz("reference_eyes"), "mpc"), (load_neck("reachy_mini_body"), "lookahead")]
+)
+def test_a_replay_keeps_the_region_and_the_speed(neck, controller):
     region, speed = (-10.0, 15.0, -3.0, 6.0), 0.2
     loop = {"gaze_region_deg": region, "speed_max_rad_s": speed}
-    log = gz.replay("subject03_R4", neck=name, controller=controller, predictor="constant_velocity", loop=loop)
+    log = gz.replay("subject03_R4", neck=neck, controller=controller, predictor="constant_velocity", loop=loop)
     pan, tilt = sums(log.neck, np.rad2deg(log.joint_position_rad))
     for angle, low, high in ((pan, *region[:2]), (tilt, *region[2:])):
         assert low - 1e-6 <= angle.min() <= angle.max() <= high + 1e-6

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders.loop import NECK, TS, make_recorder
 from builders.replays import run_info
-from builders.standing import standing
+from builders.standing import standing_together
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -28,7 +28,6 @@ from gazempc.results.attention import measure_attention
 from gazempc.results.motion import limit_violations
 from gazempc.settings import AttentionSettings, LookAwaySettings, LoopSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
-from gazempc.sim.scene import SceneSettings, make_scene
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting
 from predictors import ConstantVelocity, Forecast, HeadObservation
@@ -124,7 +123,7 @@ def test_another_rhythm_from_now_on():
 
 @pytest.mark.slow
 def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time():
-    scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 16.0), SceneSettings(sensor="reference", placement="recorded"))
+    scene = standing_together(16.0, [2.5, 0.0, 0.3])
     settings = ReplaySettings(look_away=LookAwaySettings(rhythm="listening"))
     log = replay_scene(scene, "mpc", "constant_velocity", settings).log
     found = measure_attention(log)
@@ -140,7 +139,7 @@ def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time():
 @pytest.mark.parametrize(("rhythm", "speed_max_rad_s"), [("listening", 0.1), ("told", None)])
 def test_an_impossible_look_away_is_left_out_with_an_event(rhythm, speed_max_rad_s):
     """A neck that is too slow for even a small look away, and an utterance that is told of too late."""
-    scene = make_scene(standing("ann", [2.5, 0.0, 0.3], 1.6), SceneSettings(sensor="reference", placement="recorded"))
+    scene = standing_together(1.6, [2.5, 0.0, 0.3])
     loop = LoopSettings(speed_max_rad_s=speed_max_rad_s)
     look_aways = LookAways(narrowed(scene.neck, None, speed_max_rad_s), rhythm)
     if rhythm == "told":

@@ -90,13 +90,13 @@ def _known_at(logs, every):
 
 
 def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs):
-    rare = _known_at(logs, 24)
+    rare = _known_at(logs, 12)
     head = shown_head(rare["mpc"])
     assert head.rare
     assert "0.12 s apart" in known_title(rare)
     # On a straight walk the line from frame to frame is near the head.
     inside = np.isfinite(head.log.head_true_base_m).all(axis=1)
-    assert inside.sum() > 400
+    assert inside.sum() > 200
     off_m = np.linalg.norm(head.log.head_true_base_m - logs["mpc"].head_true_base_m, axis=1)[inside]
     assert off_m.max() < 0.05
     for draw in (draw_birds_eye, draw_gaze_error):

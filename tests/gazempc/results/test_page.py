@@ -26,10 +26,13 @@ from gazempc.results.table import by_controller, measured_again, sentence, table
 EVIL = '</script><script>throw 1</script><img src="https://outside.example/x.png" onerror="throw 2">\'"&'
 
 
+NECK = load_neck("reference")
+
+
 @pytest.fixture(scope="module")
 def logs():
     walk = reordered(synthetic("subject03_R1"), range(60))
-    return {name: replayed(walk, name, settings=QUICK) for name in ("reactive", "lookahead")}
+    return {name: replayed(walk, name, settings=QUICK, neck=NECK) for name in ("reactive", "lookahead")}
 
 
 def page_of(logs, **changes):
@@ -168,7 +171,6 @@ def test_curves_are_read_and_zoomed_in_a_browser(logs, tmp_path):
 # ---------------------------------------------------------------- the table over seeds of the noise
 
 
-NECK = load_neck("reference")
 ERRORS_DEG = {"reactive": (10.0, 12.0, 11.0), "mpc": (1.0, 2.0, 1.5), "mpc+perfect": (0.0, 0.0, 0.0)}
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builders.attention import attention_log
 from builders.recordings import reordered, synthetic
-from builders.replays import QUICK, replayed
+from builders.replays import NECK, QUICK, replayed
 
 import gazempc as gz
 from gazempc.command import Progress
@@ -59,7 +59,7 @@ def test_with_the_true_future_a_compute_delay_costs_nothing(delay_s):
 
 
 def test_a_scene_has_the_start_of_the_neck():
-    scene = make_scene("subject01_R1", SceneSettings(start_offset_deg=10.0))
+    scene = make_scene("subject01_R1", SceneSettings(start_offset_deg=10.0), NECK)
     seen_m = np.array([2.0, 2.0, 0.0])
     np.testing.assert_allclose(scene.first_angles_rad(seen_m), [np.deg2rad(55.0), 0.0])
     begins = dataclasses.replace(scene, start_rad=(0.2, -0.1))
@@ -79,14 +79,14 @@ SETTINGS = QUICK.model_copy(update={"seed": 3})
 
 
 def repeated(count, settings=SETTINGS, controllers=("lookahead",)):
-    scene = make_scene(WALK, settings)
+    scene = make_scene(WALK, settings, NECK)
     return scene, repeat.replay_repeatedly(scene, settings, controllers, count, Progress())
 
 
 def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
     scene, done = repeated(2)
     for seed, row in zip((3, 4), done.repeats[0].rows, strict=True):
-        again = make_scene(WALK, SETTINGS.model_copy(update={"seed": seed}))
+        again = make_scene(WALK, SETTINGS.model_copy(update={"seed": seed}), NECK)
         log = replay_scene(again, "lookahead", "constant_velocity", SETTINGS).log
         np.testing.assert_equal(row.metrics.as_dict(), measure(log).as_dict())
         if seed == 3:
@@ -145,6 +145,7 @@ LARGEST = {"velocity_max_rad_s": 1e3, "acceleration_max_rad_s2": 1e6, "jerk_max_
 LEAST = {"velocity_max_rad_s": 0.01, "acceleration_max_rad_s2": 0.01, "jerk_max_rad_s3": 0.1}
 FAST, SOFT = {"natural_frequency_rad_s": 1e3}, {"natural_frequency_rad_s": 0.01}
 RATES = {"control_rate_hz": 100.0, "servo_rate_hz": 100.0}
+QUICK_SERVO = {"servo_rate_hz": 100.0}
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +154,7 @@ def short_walk():
 
 
 def neck_of(base="reference", rates=None, **of_axis):
-    content = load_neck(base).model_dump() | (rates or {})
+    content = load_neck(base).model_dump() | (rates or QUICK_SERVO)
     for axis in (
         content["pan"],
         content["tilt"],
@@ -198,8 +199,8 @@ def passer(rate_hz, seconds=4.0, name="passer"):
     return gz.recording_from_arrays(name, times_s, heads_m)
 
 
-def lookahead_of(recording, **settings):
-    scene = make_scene(recording, SceneSettings(**settings.pop("scene", {})), **settings)
+def lookahead_of(recording, neck=NECK, **settings):
+    scene = make_scene(recording, SceneSettings(**settings.pop("scene", {})), neck, **settings)
     return replay_scene(scene, "lookahead", "constant_velocity", ReplaySettings())[0]
 
 
@@ -232,7 +233,7 @@ def test_too_few_frames_are_not_called_a_short_recording():
 
 
 def test_the_view_of_a_camera_on_the_head_limits_what_is_seen():
-    neck = gz.load_neck("reference").model_copy(update={"head_view_deg": (60.0, 45.0)})
+    neck = NECK.model_copy(update={"head_view_deg": (60.0, 45.0)})
     ahead = lookahead_of("subject03_R4", neck=neck)
     assert ahead.run.sensor["view"] == {"on": "head", "horizontal_deg": 60.0, "vertical_deg": 45.0}
     # A person 50 degrees beside the gaze is out of view, and the neck without a person stays where it is.

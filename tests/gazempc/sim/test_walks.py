@@ -27,17 +27,15 @@ def clips(walks_dir):
     return turns[::2] + straight[::8]
 
 
-@pytest.fixture(scope="module")
-def results(walks_dir):
+def measured(walks_dir):
+    """The metrics by group, controller and clip."""
     found = {}
     for row in clips(walks_dir):
         try:
             placed = place(load(walks_dir / f"{row['clip']}.csv"), "side", 2.5, 1.2)
         except PlacementError:
             continue
-        for name in CONTROLLERS:
-            log = replayed(placed, name)
-            found[row["group"], name, row["clip"]] = measure(log)
+        found |= {(row["group"], name, row["clip"]): measure(replayed(placed, name)) for name in CONTROLLERS}
     return found
 
 
@@ -59,19 +57,13 @@ MEASURED_DEG = {
 }
 
 
-@pytest.mark.parametrize(("controller", "group"), MEASURED_DEG)
-def test_the_gaze_errs_as_little_as_measured(results, controller, group):
-    assert mean_rms(results, controller, group) < 1.15 * MEASURED_DEG[controller, group]
-
-
-def test_who_only_reacts_errs_by_the_delay(results):
-    """13.7 deg as measured, ten times as much as with prediction; no limit is ever violated."""
+def test_gazes_err_as_little_as_measured_on_the_face_where_they_predict_and_late_where_they_only_react(walks_dir):
+    """Who reacts errs by 13.7 deg as measured; on the face for 1.3 %, with prediction 92 and 90 % of the time."""
+    results = measured(walks_dir)
+    means_deg = {(controller, group): mean_rms(results, controller, group) for controller, group in MEASURED_DEG}
+    assert [key for key, mean_deg in means_deg.items() if mean_deg >= 1.15 * MEASURED_DEG[key]] == [], means_deg
     assert mean_rms(results, "reactive") == pytest.approx(13.7, rel=0.15)
     assert all(m.limit_violations == 0 for m in results.values())
-
-
-def test_a_reactive_gaze_is_hardly_ever_on_the_face_and_a_predictive_one_nearly_always(results):
-    """1.3 %, 92 % and 90 % of the time as measured."""
 
     def contact(controller):
         return np.mean([m.eye_contact_2p6 for (_, c, _), m in results.items() if c == controller])
