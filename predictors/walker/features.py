@@ -12,7 +12,7 @@ from predictors.geometry import wrap_rad
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.line import N_ERRORS, Line, LineErrors
 from predictors.walker.memories import MEMORIES_MIRROR, N_MEMORIES, Memories
-from predictors.walker.noise import N_COLOURS, MeasuredColour, without_stated
+from predictors.walker.noise import N_COLOURS, PRIOR_M, MeasuredColour, without_stated
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 
 # The direction of travel is undefined below the first speed and has full weight from the second.
@@ -52,11 +52,12 @@ N_SPREAD = 12 + N_ERRORS + N_COLOURS
 
 # Errors of a precise tracker, such as motion capture, metres: full weight and none, for the white error of the position
 # (at least 2 mm, the floor of `MeasuredNoise`) and for third differences over four frames, which hold gait alone there.
-# Chosen on 13 walks: trackers with at most 2 mm of white error that wander by 8 to 20 mm have at most 0.2 % more error
-# in the mean, up to 2.5 % in single walks.
+# Chosen on 13 walks: trackers with at most 2 mm of white error that wander by 8 to 20 mm have at most 0.2 % more error.
 _PRECISE_WHITE_M, _PRECISE_WANDER_M = (0.0025, 0.0032), (0.0065, 0.008)
-# Share of measurements in the wander from which the weight is full: a quarter of a second.
-_WANDER_SHARE = 0.25
+# Share of measurements in both errors from which the weight is full: for the wander a quarter of a second. Trackers
+# below 14 frames a second, whose white error is not measured, are not precise: with `reference` at 10 Hz the networks
+# for precise trackers have 25 % more error.
+_MEASURED_SHARE = 0.25
 
 
 def _mirror() -> FloatArray:
@@ -118,7 +119,7 @@ class WalkerHistory:
         self._memories = Memories()
 
     def add(
-        self, observation: HeadObservation, state: FloatArray, covariance_m2: FloatArray, prior_m2: float
+        self, observation: HeadObservation, state: FloatArray, covariance_m2: FloatArray, measured_share: float
     ) -> WalkerInputs:
         """Take in an observation that is newer than all before it.
 
@@ -126,7 +127,7 @@ class WalkerHistory:
             observation: The observation.
             state: Position and velocity of a steady walk at its time, shape (6,), metres and m/s.
             covariance_m2: Covariance of the observed position, shape (3, 3), square metres.
-            prior_m2: Part of its variances that is a prior and no measurement, square metres.
+            measured_share: Share of measurements in a covariance that is not stated, see `MeasuredNoise`.
 
         Returns:
             The inputs at its capture time.
@@ -200,16 +201,19 @@ class WalkerHistory:
         on_foot = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
         line_m_s = np.array([speed, 0.0, float(state[5])])
         stated_sd_m, stated_base_m2 = (np.array(sd_m), covariance_m2) if stated else (np.zeros(3), np.zeros((3, 3)))
-        precise = self._precision([m2 if stated else m2 - prior_m2 for m2 in noise_m2])
+        precise = self._precision(noise_m2, 1.0 if stated else measured_share)
         return WalkerInputs(
             line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, np.array(places_m), precise
         )
 
-    def _precision(self, white_m2: list[float]) -> float:
-        white_m = math.sqrt(math.prod(max(m2, _ROUNDING_M2) for m2 in white_m2) ** (1.0 / 3.0))
-        wander_m, share = self._colour.wander_m()
-        weight = (1.0 - _ramp(white_m, *_PRECISE_WHITE_M)) * (1.0 - _ramp(wander_m, *_PRECISE_WANDER_M))
-        return weight * min(share / _WANDER_SHARE, 1.0)
+    def _precision(self, noise_m2: list[float], share: float) -> float:
+        if not share:
+            return 0.0
+        white_m2 = math.prod(max((m2 - (1.0 - share) * PRIOR_M**2) / share, _ROUNDING_M2) for m2 in noise_m2)
+        wander_m, wander_share = self._colour.wander_m()
+        weight = 1.0 - _ramp(math.sqrt(white_m2 ** (1.0 / 3.0)), *_PRECISE_WHITE_M)
+        weight *= 1.0 - _ramp(wander_m, *_PRECISE_WANDER_M)
+        return weight * min(share / _MEASURED_SHARE, wander_share / _MEASURED_SHARE, 1.0)
 
     def _take_offsets_off(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float

@@ -8,7 +8,8 @@ import numpy as np
 
 from predictors.types import FloatArray
 
-_PRIOR_M, _PRIOR_FRAMES, _MEMORY_FRAMES = 0.01, 3.0, 30.0
+PRIOR_M = 0.01
+_PRIOR_FRAMES, _MEMORY_FRAMES = 3.0, 30.0
 _LARGEST_M, _SMALLEST_M = 0.05, 0.002
 _FLOOR_M2 = _SMALLEST_M**2
 _FRAMES = 4
@@ -49,7 +50,7 @@ class MeasuredNoise:
 
     def __init__(self) -> None:
         # xx, xy, xz, yy, yz, zz
-        self._covariance_m2 = [_PRIOR_M**2, 0.0, 0.0, _PRIOR_M**2, 0.0, _PRIOR_M**2]
+        self._covariance_m2 = [PRIOR_M**2, 0.0, 0.0, PRIOR_M**2, 0.0, PRIOR_M**2]
         self._frames, self._prior_share = _PRIOR_FRAMES, 1.0
 
     def learn(self, times_s: FloatArray, positions_m: FloatArray) -> None:
@@ -78,9 +79,9 @@ class MeasuredNoise:
         self._prior_share *= 1.0 - gain
 
     @property
-    def prior_m2(self) -> float:
-        """Part of each variance that is the prior's and no measurement, square metres."""
-        return self._prior_share * _PRIOR_M**2
+    def measured_share(self) -> float:
+        """Share of measurements in the covariance, 0 to 1; 0 below 14 frames a second. The rest is the prior."""
+        return 1.0 - self._prior_share
 
     def covariance_m2(self) -> FloatArray:
         """The covariance, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""

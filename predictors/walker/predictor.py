@@ -108,7 +108,7 @@ class Walker:
         _, state, _ = self._position.state()
         last_s = None if self._inputs is None else self._inputs.line.time_s
         covariance_m2 = noise_m2(taken[-1], measured_m2)
-        self._inputs = self._history.add(taken[-1], state, covariance_m2, self._noise.prior_m2)
+        self._inputs = self._history.add(taken[-1], state, covariance_m2, self._noise.measured_share)
         self._weigh(self._inputs, last_s)
         self._noise.learn(window.times_s, window.values[:, :3])
         self._knots = None

@@ -50,16 +50,16 @@ def test_without_noise_the_floor_is_left_and_a_spike_does_not_blow_it_up():
     assert np.sqrt(measured(times_s, shaken)[0, 0]) < 0.05
 
 
-def test_the_share_of_the_prior_is_stated():
+@pytest.mark.parametrize(("rate_hz", "share"), [(30.0, 7.0 / 9.0), (10.0, 0.0)])
+def test_the_share_of_measurements_is_stated(rate_hz, share):
     """Third differences of a constant size, 8 / sqrt(20) of an alternation: the prior's weight is 2 / (frames - 1)."""
-    noise, times_s = MeasuredNoise(), np.arange(10) * FRAME_S
+    noise, times_s = MeasuredNoise(), np.arange(10) / rate_hz
     positions_m = np.outer((-1.0) ** np.arange(10), [0.003, 0.0, 0.0])
     for k in range(1, 11):
         noise.learn(times_s[:k], positions_m[:k])
-    prior_share = 2.0 / 9.0
-    assert noise.prior_m2 == pytest.approx(prior_share * 0.01**2)
-    measured_m2 = (1.0 - prior_share) * 64.0 / 20.0 * 0.003**2
-    expected_m2 = [noise.prior_m2 + 0.002**2 + own for own in (measured_m2, 0.0, 0.0)]
+    assert noise.measured_share == pytest.approx(share)
+    prior_m2, measured_m2 = (1.0 - share) * 0.01**2, share * 64.0 / 20.0 * 0.003**2
+    expected_m2 = [prior_m2 + 0.002**2 + own for own in (measured_m2, 0.0, 0.0)]
     np.testing.assert_allclose(noise.covariance_m2().diagonal(), expected_m2)
 
 

@@ -172,7 +172,7 @@ def test_positions_are_relative_to_the_line_in_its_own_frame():
         at = np.array([1.0, 1.2 * k / 30, 0.4])
         seen = at - [0.04 if k == 49 else 0.0, 0.0, 0.0]
         surely = 1e-8 * np.eye(3)
-        inputs = history.add(HeadObservation(k / 30, seen), np.concatenate([at, velocity]), surely, 0.0)
+        inputs = history.add(HeadObservation(k / 30, seen), np.concatenate([at, velocity]), surely, 1.0)
     assert inputs.line.heading_rad == pytest.approx(np.pi / 2)
     positions = inputs.network[: 3 * WINDOW].reshape(WINDOW, 3)
     expected = np.zeros((WINDOW, 3))
@@ -186,7 +186,7 @@ def test_yaws_are_relative_to_the_line_and_zero_for_who_stands():
         for k in range(40):
             seen = HeadObservation(k / 30, [speed * k / 30, 0, 0.4], yaw_quat(0.2), yaw_quat(0.15))
             state = np.array([speed * k / 30, 0.0, 0.4, speed, 0.0, 0.0])
-            inputs = history.add(seen, state, 1e-4 * np.eye(3), 0.0)
+            inputs = history.add(seen, state, 1e-4 * np.eye(3), 1.0)
         return inputs.network[3 * WINDOW : 5 * WINDOW].reshape(WINDOW, 2)
 
     np.testing.assert_allclose(yaws(1.2), 1.0)  # pelvis over 0.15, head over 0.2
@@ -210,7 +210,7 @@ def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, fr
     for k in range(frames):
         state = STATE + np.array([1.2 * k / 30, 0, 0, 0, 0, 0])
         pelvis, head = map(yaw_quat, offset_rad)
-        inputs = history.add(HeadObservation(k / 30, state[:3], head, pelvis), state, 1e-4 * np.eye(3), 0.0)
+        inputs = history.add(HeadObservation(k / 30, state[:3], head, pelvis), state, 1e-4 * np.eye(3), 1.0)
     left_rad = np.subtract(offset_rad, mounting)
     yaws = inputs.network[3 * WINDOW : 5 * WINDOW].reshape(WINDOW, 2)
     np.testing.assert_allclose(yaws[-1], left_rad / [0.15, 0.2], atol=1e-6)
@@ -219,25 +219,28 @@ def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, fr
 
 
 @pytest.mark.parametrize(
-    ("frames", "white_m", "prior_m", "stated", "wander_m", "weight"),
+    ("frames", "white_m", "share", "stated", "wander_m", "weight"),
     [
-        (12, 0.002, 0.0, False, 0.0, 0.0),  # too short for a difference over four frames
-        (16, 0.002, 0.0, False, 0.0, 4.0 * (1.0 - 21.0 / 25.0)),  # full weight at a share of a quarter
-        (30, 0.002, 0.0, False, 0.0, 1.0),
-        (30, 0.00285, 0.0, False, 0.0, 0.5),  # from 3.2 mm to 2.5 mm
-        (30, math.hypot(0.00285, 0.01), 0.01, False, 0.0, 0.5),
-        (30, math.hypot(0.00285, 0.01), 0.01, True, 0.0, 0.0),  # nothing of a stated error is a prior
-        (30, 0.004, 0.0, False, 0.0, 0.0),
-        (30, 0.002, 0.0, False, 0.02, 0.0),
+        (12, 0.002, 1.0, False, 0.0, 0.0),  # too short for a difference over four frames
+        (16, 0.002, 1.0, False, 0.0, 4.0 * (1.0 - 21.0 / 25.0)),  # full weight at a share of a quarter
+        (30, 0.002, 1.0, False, 0.0, 1.0),
+        (30, 0.00285, 1.0, False, 0.0, 0.5),  # from 3.2 mm to 2.5 mm
+        (30, math.sqrt(0.8 * 0.00285**2 + 0.2 * 0.01**2), 0.8, False, 0.0, 0.5),
+        (30, math.sqrt(0.1 * 0.002**2 + 0.9 * 0.01**2), 0.1, False, 0.0, 0.4),
+        (30, 0.01, 0.0, False, 0.0, 0.0),  # a slow tracker: nothing is measured
+        (30, 0.002, 0.0, True, 0.0, 1.0),
+        (30, math.sqrt(0.8 * 0.00285**2 + 0.2 * 0.01**2), 0.8, True, 0.0, 0.0),  # a stated error has no prior
+        (30, 0.004, 1.0, False, 0.0, 0.0),
+        (30, 0.002, 1.0, False, 0.02, 0.0),
     ],
 )
-def test_precision_is_free_of_the_prior(frames, white_m, prior_m, stated, wander_m, weight):
+def test_precision_is_free_of_the_prior(frames, white_m, share, stated, wander_m, weight):
     """A straight walk, with a sway that changes sides every four frames."""
     history, covariance_m2 = WalkerHistory(), white_m**2 * np.eye(3)
     for k in range(frames):
         state = STATE + np.array([1.2 * k / 30, wander_m * (-1.0) ** (k // 4), 0, 0, 0, 0])
         seen = HeadObservation(k / 30, state[:3], position_covariance_m2=covariance_m2 if stated else None)
-        inputs = history.add(seen, state, covariance_m2, prior_m**2)
+        inputs = history.add(seen, state, covariance_m2, share)
     assert inputs.precise == pytest.approx(weight, abs=1e-6)
 
 
@@ -250,7 +253,7 @@ def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
         state = np.concatenate([np.zeros(3), turn @ [1.2, 0.0, 0.0]])
         for stated, told in enumerate((None, covariance)):
             seen = HeadObservation(0.0, state[:3], position_covariance_m2=told)
-            inputs = WalkerHistory().add(seen, state, covariance, 0.0)
+            inputs = WalkerHistory().add(seen, state, covariance, 1.0)
             np.testing.assert_allclose(inputs.stated_sd_m, stated * sds, rtol=1e-3, atol=1e-6)
             np.testing.assert_array_equal(inputs.stated_base_m2, stated * covariance)
             assert np.abs(inputs.network).max() <= 4.0
