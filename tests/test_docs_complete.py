@@ -52,7 +52,7 @@ DESCRIBED = {
 
 
 @pytest.mark.parametrize("name", sorted(DESCRIBED))
-def test_what_exists_is_described(name):
+def test_every_part_and_file_is_documented(name):
     described = set(re.findall(r"`\[?([^`\n]+?)\]?`", page(name)))
     if name == "necks":
         described |= {"pan", "tilt", "geometry", "eyes", "body"}
@@ -60,7 +60,7 @@ def test_what_exists_is_described(name):
     assert set(DESCRIBED[name]) - described == set()
 
 
-def test_the_architecture_names_what_there_is():
+def test_the_architecture_page_lists_existing_modules():
     """Each folder and module that it names exists, and each folder and module of the root is named."""
     named = set(re.findall(r"`((?:gazempc|predictors|experiments)/[\w/]*(?:\.py)?)`", page("architecture")))
     assert [path for path in named if not (ROOT / path).exists()] == []
@@ -89,7 +89,7 @@ def exists(dotted):
     return False
 
 
-def test_code_that_the_pages_name_exists():
+def test_names_of_code_on_the_pages_exist():
     paths = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     named = [(path.name, names_of_code(path.read_text(encoding="utf-8"))) for path in paths]
     assert [(where, file) for where, (files, _) in named for file in files if not (ROOT / file).exists()] == []

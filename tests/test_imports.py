@@ -114,12 +114,12 @@ def part_of(name, package):
     return (rest.split(".")[0] or "__init__") if top == package else None
 
 
-def test_no_module_imports_itself_by_a_circle():
+def test_the_import_graph_is_acyclic():
     assert circle_in(imports_of_all()) is None
 
 
 @pytest.mark.parametrize("importer", PACKAGES[:-1])
-def test_packages_point_one_way(importer):
+def test_packages_depend_in_one_direction(importer):
     later = PACKAGES[PACKAGES.index(importer) + 1 :]
     wrong = [
         f"{n} -> {o}"
@@ -131,13 +131,13 @@ def test_packages_point_one_way(importer):
 
 
 @pytest.mark.parametrize(("package", "order"), [("gazempc", GAZEMPC), ("experiments", EXPERIMENTS)])
-def test_inside_a_package_nobody_imports_a_later_part(package, order):
+def test_modules_do_not_import_later_layers_of_their_package(package, order):
     listed = {part for line in order for part in line}
     assert {part_of(name, package) for name in FILES} - {None} == listed
     assert imports_back_up(package, order, imports_of_all()) == []
 
 
-def test_importing_has_no_side_effects_and_leaves_heavy_libraries_alone():
+def test_importing_has_no_side_effects_and_loads_no_heavy_library():
     """Importing prints nothing, writes nothing, and does not wait for matplotlib or control."""
     code = (
         "import sys, gazempc, predictors, experiments, gazempc.run, gazempc.settings;"

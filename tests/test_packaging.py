@@ -29,7 +29,7 @@ def locked():
     return found
 
 
-def test_all_that_is_needed_is_in_it_and_fits():
+def test_the_lock_file_satisfies_all_requirements():
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     found, waiting, seen = locked(), [Requirement(text) for text in pyproject["project"]["dependencies"]], set()
     while waiting:
@@ -52,7 +52,7 @@ def test_all_that_is_needed_is_in_it_and_fits():
 FOR_DEVELOPERS = {"test", "dev", "docs"}
 
 
-def test_all_names_every_extra_of_users():
+def test_the_extra_all_includes_every_user_extra():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     (everything,) = map(Requirement, extras["all"])
     assert everything.name == "gazempc"

@@ -35,7 +35,7 @@ def some_frames():
         time.sleep(1 / 30)
 
 
-def test_the_python_of_the_readme_runs_and_prints_what_it_says():
+def test_the_python_of_the_readme_runs_and_prints_its_shown_output():
     robot = SimulatedNeck(load_neck("reference"), np.zeros(2), time.monotonic)
     namespace = {"MyRobot": lambda: robot, "tracker": some_frames()}
     (code,) = blocks("python")
@@ -53,7 +53,7 @@ def test_the_readme_names_every_command():
     assert set(re.findall(r"bin/gazempc (\w+)", README)) <= set(COMMANDS)
 
 
-def test_every_file_the_readme_points_to_is_there():
+def test_every_file_linked_in_the_readme_exists():
     targets = [t for t in re.findall(r"\]\(([^)#]+)", README) if not t.startswith("http")]
     assert len(targets) >= 5
     for target in targets:

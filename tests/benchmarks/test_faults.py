@@ -8,7 +8,7 @@ from benchmarks.faults import __main__ as faults
 
 
 @pytest.mark.slow
-def test_the_short_form_counts_commands_gaps_and_reasons(tmp_path, capsys):
+def test_the_short_table_counts_commands_intervals_and_reasons(tmp_path, capsys):
     path = tmp_path / "faults.json"
     assert faults.main(path, seconds=1.2, short=True) == 0
     ahead, stranger, clock, *parts = json.loads(path.read_text(encoding="utf-8"))["rows"]

@@ -35,7 +35,7 @@ def suppress_exit_0():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [*EXAMPLES, *ROBOTS], ids=lambda path: path.stem)
-def test_an_example_prints_what_it_says(path, tmp_path, monkeypatch, capsys, in_this_process):
+def test_the_output_of_an_example_is_that_in_its_last_comment(path, tmp_path, monkeypatch, capsys, in_this_process):
     """As a program from its folder, but in this process: the libraries are loaded once."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(path)])
@@ -70,7 +70,7 @@ def test_the_readme_shows_the_numbers_that_each_robot_prints():
 
 
 @pytest.mark.slow
-def test_the_predictor_from_outside_enters_the_benchmark(tmp_path, monkeypatch, in_this_process):
+def test_a_user_defined_predictor_is_benchmarked(tmp_path, monkeypatch, in_this_process):
     """By the command of the page, on few people: as a module in the working directory; ten lines in its methods."""
     monkeypatch.chdir(ROOT / "examples")
     monkeypatch.syspath_prepend(ROOT / "examples")

@@ -27,7 +27,7 @@ def compared(z0, reference):
     return plan.solver
 
 
-def test_the_numbers_on_the_board_are_those_of_the_neck():
+def test_the_example_has_the_parameters_of_the_neck():
     assert (BOARD["wn"], BOARD["zeta"]) == (NECK.pan.natural_frequency_rad_s, NECK.pan.damping_ratio)
     assert (BOARD["period_s"], BOARD["h"]) == (NECK.control_period_s, NECK.servo_period_s)
     assert BOARD["steps"] == OCP.model.lengths.astype(int).tolist()
@@ -37,7 +37,7 @@ def test_the_numbers_on_the_board_are_those_of_the_neck():
     ("z0", "to_rad", "solver"),
     [((0.0,) * 5, 0.02, "gain"), ((0.1, 0.4, 0.15, 0.5, -2.0), 0.5, "daqp")],
 )
-def test_the_plan_on_the_board_is_that_of_the_mpc(z0, to_rad, solver):
+def test_the_plan_of_the_example_equals_that_of_the_mpc(z0, to_rad, solver):
     steps = np.cumsum(BOARD["steps"])
     assert compared(np.array(z0), z0[0] + (to_rad - z0[0]) * steps / steps[-1]) == solver
 

@@ -35,7 +35,7 @@ def main_job(walk, tmp_path_factory):
     return out, said.getvalue()
 
 
-def test_the_main_job_writes_all_it_promises(main_job):
+def test_a_run_writes_all_documented_files(main_job):
     out, _ = main_job
     names = {path.name for path in out.iterdir()}
     assert {"summary.json", "settings.yaml", "overview.png", "angles.png"} <= names
@@ -52,7 +52,7 @@ def said_to_be_written(said):
     return line.partition("/: ")[2].split(", ")
 
 
-def test_what_is_said_to_be_written_is_written_and_nothing_else(main_job, tmp_path, capsys):
+def test_exactly_the_announced_files_are_written(main_job, tmp_path, capsys):
     out, said = main_job
     logs = [f"{name}{end}.npz" for name in LABELS for end in ("", "_compute")]
     told = [name for name in said_to_be_written(said) if "each controller" not in name]
@@ -63,7 +63,7 @@ def test_what_is_said_to_be_written_is_written_and_nothing_else(main_job, tmp_pa
     assert sorted(told) == sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
 
 
-def test_the_report_has_all_numbers_and_pictures_of_the_run(main_job):
+def test_the_report_has_all_metrics_and_figures_of_the_run(main_job):
     out, text = main_job
     report = (out / "report.html").read_text(encoding="utf-8")
     assert len(report.encode()) < 3_000_000
@@ -143,7 +143,7 @@ def test_wrong_config_files_are_refused_with_all_errors(tmp_path, text, expected
         (["--replay", "subject03_R4", "--distance-m", "0.5", "--placement", "side"], "at least 0.8 m"),
     ],
 )
-def test_bad_input_is_one_message_and_status_2(words, expected, capfd):
+def test_bad_input_gives_one_message_and_status_2(words, expected, capfd):
     try:
         status = main(words)
     except SystemExit as leaving:
@@ -154,7 +154,7 @@ def test_bad_input_is_one_message_and_status_2(words, expected, capfd):
     assert "Traceback" not in seen.err
 
 
-def test_a_limit_violation_is_status_1(walk, tmp_path, monkeypatch, capsys):
+def test_a_limit_violation_gives_status_1(walk, tmp_path, monkeypatch, capsys):
     """Never seen in a real run: made by measuring against limits that are too small."""
     monkeypatch.setattr("gazempc.results.metrics.limit_violations", lambda log, neck: 3)
     words = ["--replay", str(walk), "--placement", "recorded", "--controllers", "reactive", "--no-figures"]

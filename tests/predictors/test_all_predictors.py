@@ -28,7 +28,7 @@ every_predictor = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.ke
 
 
 @every_predictor
-def test_forecast_changes_nothing_and_is_the_same_in_any_order(make):
+def test_forecasting_is_pure_and_independent_of_order(make):
     predictor = make()
     end_s = walk(predictor, relative_yaw=0.5)
     times_s = end_s + np.array([0.5, 0.0, 1.0, 0.25])
@@ -65,7 +65,7 @@ def test_no_forecast_before_the_first_observation_nor_after_reset(make):
 
 @every_predictor
 @pytest.mark.parametrize("step_s", [0.0, -0.1])
-def test_old_observations_are_refused_and_change_nothing(make, step_s):
+def test_old_observations_are_refused_without_effect(make, step_s):
     predictor = make()
     end_s = walk(predictor, relative_yaw=0.5)
     before = predictor.forecast(end_s + 0.5)
@@ -98,7 +98,7 @@ def test_covariances_are_symmetric_and_positive_semidefinite(make, steps_s, plac
     assert np.linalg.eigvalsh(P).min() >= -1e-12 * scale
 
 
-def test_last_position_stays_and_spreads_at_walking_speed():
+def test_last_position_is_constant_with_variance_of_walking_speed():
     last = LastPosition(position_noise_m=0.02, walking_speed_m_s=0.5)
     last.update(seen(1.0, np.array([9.0, 9.0, 9.0])))
     last.update(seen(2.0, np.array([1.0, 2.0, 3.0])))
@@ -109,7 +109,7 @@ def test_last_position_stays_and_spreads_at_walking_speed():
     assert forecast.issued_at_s == 2.0
 
 
-def test_perfect_gives_the_true_future_surely():
+def test_perfect_gives_the_true_future_without_variance():
     perfect = Perfect(lambda times: np.stack([np.sin(times), times**2, np.ones_like(times)], axis=-1))
     perfect.update(seen(0.5, np.zeros(3)))
     forecast = perfect.forecast([0.5, 2.0])
@@ -160,7 +160,7 @@ def acceleration_kernel(product, early, late, psd=0.3):
     ],
     ids=["cv", "ca", "imm whose modes all go straight"],
 )
-def test_it_is_the_exact_posterior_with_that_covariance(predictor, kernel):
+def test_forecasts_equal_the_exact_posterior_with_stated_covariances(predictor, kernel):
     observations = curve()
     for k, observation in enumerate(observations):
         predictor.update(observation)
@@ -173,7 +173,7 @@ def test_it_is_the_exact_posterior_with_that_covariance(predictor, kernel):
 
 
 @pytest.mark.parametrize("make", PREDICTORS.values(), ids=PREDICTORS.keys())
-def test_stating_the_noise_of_every_frame_is_to_set_it(make):
+def test_stated_noise_equals_configured_noise(make):
     """And a noise that is set counts for nothing where another is stated, but for how particles are shaken."""
     noise_m = 0.004
     set_to_it, told = make(position_noise_m=noise_m), make(position_noise_m=0.01)
@@ -188,7 +188,7 @@ def test_stating_the_noise_of_every_frame_is_to_set_it(make):
 
 
 @pytest.mark.parametrize(("yaw_from", "sds"), [("waist", (0.03, 0.06)), ("travel", (0.03, None))])
-def test_the_head_s_yaw_is_filtered_with_the_stated_spread(yaw_from, sds):
+def test_the_head_yaw_is_filtered_with_its_stated_deviation(yaw_from, sds):
     """Of the relative yaw the variances add up; half of the usual variance stands for what is not stated."""
     usual_rad = 0.05
     expected = sds[0] ** 2 + (usual_rad**2 / 2.0 if sds[1] is None else sds[1] ** 2)

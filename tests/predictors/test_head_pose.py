@@ -43,7 +43,7 @@ def test_head_pose_covariance_is_that_of_the_turned_state():
     assert np.linalg.norm(P[:3, 3:]) > 1e-6
 
 
-def test_the_last_yaw_is_good_for_half_a_second_only():
+def test_a_yaw_expires_after_half_a_second():
     head, kalman = HeadPose(weight=1.0), ConstantVelocity()
     end_s = walk(head, relative_yaw=0.7)
     walk(kalman)
@@ -79,7 +79,7 @@ def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk(centre):
         assert wrap_rad(head.relative_yaw_rad() - estimate) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier():
+def test_ungated_head_pose_uses_position_and_yaw_of_an_outlier():
     for gated in (False, True):
         head, kalman = HeadPose(gated=gated), ConstantVelocity(gated=gated)
         for predictor in (head, kalman):
@@ -93,7 +93,7 @@ def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier():
 
 
 @pytest.mark.parametrize("waist_yaw", [None, -2.0])
-def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw):
+def test_yaw_from_travel_is_head_yaw_minus_path_heading(waist_yaw):
     """Where the waist points, or whether it is known, does not matter."""
     head, kalman = HeadPose(weight=1.0, yaw_from="travel"), ConstantVelocity()
     end_s = turned_walk(head, 60, waist_yaw=waist_yaw)
@@ -104,7 +104,7 @@ def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw):
     np.testing.assert_allclose(head.forecast(end_s + 0.5).means_base_m[0], expected, atol=1e-9)
 
 
-def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed():
+def test_removing_the_mean_keeps_yaw_oscillation():
     """The offset is that of the filtered yaw, frame by frame."""
     with_offset, without = (HeadPose(offset_removed=removed) for removed in (False, True))
     total = 0.0
@@ -118,7 +118,7 @@ def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed():
         assert without.relative_yaw_rad() == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_new_track_forgets_the_offset_of_the_old_one():
+def test_a_new_track_resets_the_yaw_offset():
     """Refusals for 0.75 s, then a track 5 m away whose head is turned the other way: its own mean alone is removed."""
     head = HeadPose(yaw_from="travel", offset_removed=True)
     end_s = turned_walk(head, 90)

@@ -63,7 +63,7 @@ class Head:
         return float(gaze_error_rad(NECK.geometry, self.joints_rad(), np.array(at_m)))
 
 
-def test_goals_of_both_actions(stage):
+def test_goals_of_both_actions_succeed_abort_and_cancel(stage):
     """One node serves all cases: processes start slowly."""
     controller, gaze = stage.controller(), stage.gaze()
     gaze.until("robot ros2")
@@ -137,7 +137,7 @@ def test_goals_of_both_actions(stage):
     assert times_s.size > 1000
 
 
-def test_a_slow_goal_keeps_its_speed_and_attention_returns(stage):
+def test_a_slow_goal_keeps_its_speed_limit_and_attention_resumes(stage):
     controller, gaze = stage.controller(), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())

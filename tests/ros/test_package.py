@@ -30,7 +30,7 @@ def nodes(name):
     }
 
 
-def test_launch_files_name_what_exists():
+def test_launch_files_refer_to_existing_files_and_nodes():
     setup = (PACKAGE / "setup.py").read_text()
     for name in ("gaze.launch.xml", "demo.launch.xml"):
         for executable in nodes(name):

@@ -66,7 +66,7 @@ def within_limits(stage):
     return commands
 
 
-def test_tracker_and_controller_that_go_and_come_back(stage):
+def test_the_node_recovers_from_lost_trackers_and_controllers(stage):
     controller, gaze = stage.controller(), stage.gaze()
     watch = Watch(stage.client())
     gaze.until("robot ros2")
@@ -110,7 +110,7 @@ def test_tracker_and_controller_that_go_and_come_back(stage):
     ],
     ids=["NaN, and tf that jumps by 30 m", "tf that ends", "no tf"],
 )
-def test_bad_numbers_and_frames(stage, faults, events, seen):
+def test_invalid_values_and_frames_are_refused(stage, faults, events, seen):
     controller, gaze = stage.controller(), stage.gaze()
     watch = Watch(stage.client())
     gaze.until("robot ros2")
@@ -124,7 +124,7 @@ def test_bad_numbers_and_frames(stage, faults, events, seen):
     within_limits(stage)
 
 
-def test_the_clock_of_a_simulation_jumps_back(stage):
+def test_a_simulation_clock_reset_is_handled(stage):
     controller = stage.controller()
     gaze = stage.gaze(use_sim_time="true", **{"options.ros2.silent_after_s": "0.5"})
     # The controller's stamps are of the computer's clock: only the simulator's tracker fits. A robot without joint
@@ -149,7 +149,7 @@ def test_the_clock_of_a_simulation_jumps_back(stage):
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["sigterm", "sigkill"])
-def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
+def test_a_node_stopped_in_motion_brakes_within_limits(stage, how):
     from test_actions import Head, point_head
 
     controller, gaze = stage.controller("--position", "-1.0", "0.0"), stage.gaze()
@@ -184,7 +184,7 @@ def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
         assert gz.measure(gz.load_log(stage.gaze_file)).limit_violations == 0
 
 
-def test_parameters_and_lifecycle(stage):
+def test_parameters_follow_the_lifecycle(stage):
     """Parameters have descriptions and ranges, and are set while the node is unconfigured."""
     gaze = stage.gaze(robot="simulated", autostart="false")
     client = stage.client()

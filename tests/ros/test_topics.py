@@ -43,7 +43,7 @@ class People:
         self.publisher.publish(message)
 
 
-def test_a_person_is_chosen_and_looked_away_from(stage):
+def test_a_person_is_selected_and_the_gaze_averted(stage):
     client = stage.client()
     watch, people = Watch(client), People(client)
     asked = {"source": "ros2:/people", "options.ros2.pose_type": "vision_msgs/msg/Detection3DArray"}

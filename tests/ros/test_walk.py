@@ -69,7 +69,7 @@ def latencies_ms(log, tracker):
     return 1e3 * (log_age_s - (tracker[k, 1] - tracker[k, 0]))
 
 
-def test_contact_and_latency_equal_the_run_without_ros(stage):
+def test_eye_contact_and_latency_equal_those_without_ros(stage):
     controller = stage.controller()
     gaze = stage.gaze()
     gaze.until("robot ros2")
@@ -100,7 +100,7 @@ def test_contact_and_latency_equal_the_run_without_ros(stage):
     assert np.median(both_ms) < 5.0
 
 
-def test_the_command_live_is_the_same(stage):
+def test_eye_contact_of_the_live_command_equals_that_without_ros(stage):
     """Source and robot `ros2` of the command line."""
     controller, tracker = stage.controller(), stage.tracker("--passes", "20")
     out = stage.folder / "live"

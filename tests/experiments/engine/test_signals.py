@@ -51,7 +51,7 @@ def alive(pid):
     ("sent", "to"),
     [(signal.SIGINT, os.killpg), (signal.SIGTERM, os.kill)],
 )
-def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, tmp_path):
+def test_a_signal_ends_command_and_workers_and_keeps_results(sent, to, tmp_path):
     """Ctrl-C goes to all processes of the terminal, SIGTERM to the command."""
     with working(tmp_path) as (process, workers):
         assert len(workers) == 2
@@ -69,7 +69,7 @@ def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, t
 
 @pytest.mark.slow
 @pytest.mark.parametrize("signals", [[signal.SIGINT] * 2, [signal.SIGKILL]])
-def test_workers_of_a_command_that_ends_at_once_follow(signals, tmp_path):
+def test_workers_end_when_their_command_is_killed(signals, tmp_path):
     """By a second Ctrl-C, or killed."""
     with working(tmp_path) as (process, workers):
         assert all(alive(pid) for pid in workers)
@@ -96,7 +96,7 @@ run_interruptible('stubborn', stubborn, grace_s=0.2)
 """
 
 
-def test_a_command_that_hangs_after_a_signal_is_ended():
+def test_a_command_that_ignores_the_interrupt_is_ended():
     """Code that swallows the interruption, as a library may, holds nothing up."""
     with subprocess.Popen([sys.executable, "-c", STUBBORN], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "ready\n"
@@ -124,7 +124,7 @@ def test_results_come_from_the_cluster_and_failures_are_rows(cluster, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_workers_job_is_done_by_another(cluster, tmp_path):
+def test_the_job_of_a_killed_worker_is_rescheduled(cluster, tmp_path):
     log = tmp_path / "log"
     jobs = [Tiny(n, "die once", str(log)) for n in range(2)]
     with Engine(tmp_path / "runs", jobs=1, dask=cluster.scheduler_address) as engine:

@@ -55,7 +55,7 @@ def fitted_once():
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
+def test_the_command_writes_a_model_of_all_people_and_leave_one_out_models(finished):
     everybody = load_walker_model(finished / "walker.npz")
     assert everybody.about["people"] == ["subject01", "subject02"]
     assert everybody.about["recordings"] == ["subject01_R1", "subject02_R4"]
@@ -77,7 +77,7 @@ def constant_model(value):
     return WalkerModel(*3 * (Ensemble(NOTHING.weights, (bias,)),), straight_model().log_spread)
 
 
-def test_errors_are_by_the_model_that_has_not_seen_the_person():
+def test_errors_are_by_the_model_fitted_without_the_person():
     """With two clips a person, and models that can be told apart by what they say."""
     people = ["ann", "bob", "ann", "bob"]
     scoring = [toy(5, k) for k in range(4)]
@@ -89,7 +89,7 @@ def test_errors_are_by_the_model_that_has_not_seen_the_person():
         np.testing.assert_array_equal(errors.weight, examples.weight)
 
 
-def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
+def test_networks_are_not_fitted_on_the_person_left_out(tmp_path, monkeypatch):
     """The files of examples that each fit reads are those of the others, all of them."""
     asked = []
 

@@ -14,7 +14,7 @@ from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion
 
 
 @pytest.mark.slow
-def test_networks_learn_and_are_the_same_for_the_same_seed_and_blind_ones_have_no_weights_for_yaws():
+def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     """Shown or hidden, what is said of head and pelvis changes nothing."""
     examples, other = toy(2000, 0), toy(1000, 1)
     fits = [fit_networks(examples, 3, 2, 150, sees_yaws=False) for _ in range(2)]
@@ -34,7 +34,7 @@ def test_networks_learn_and_are_the_same_for_the_same_seed_and_blind_ones_have_n
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
 
-def test_errors_that_a_tracker_cannot_see_count_less():
+def test_unobservable_errors_have_lower_weight():
     """Against the inverse of the whole matrix."""
     rng = np.random.default_rng(0)
     off_m, usual_m2 = rng.standard_normal((20, 3, 3)), np.array([0.02, 0.08, 0.2]) ** 2
@@ -75,7 +75,7 @@ def some_noise(rng, n):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("true_v", "chosen"), [(6.0, (5.0, 7.0)), (np.inf, (19.9, 20.0))])
-def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v, chosen):
+def test_scales_and_tails_are_recovered_with_nominal_coverage(true_v, chosen):
     """Errors drawn with a known dependence of their scale on the reasons for doubt, through a tracker without error."""
     rng, n = np.random.default_rng(0), 4000
     u = np.column_stack([np.ones(n), rng.uniform(0, 2, (n, 2))])
@@ -96,7 +96,7 @@ def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.025)
 
 
-def test_the_gradient_of_the_likelihood_is_its_slope():
+def test_the_likelihood_gradient_equals_finite_differences():
     rng = np.random.default_rng(0)
     u = np.column_stack([np.ones(40), rng.standard_normal((40, 2))])
     error = t_errors(rng, 40, 0.05, 5.0)
@@ -110,7 +110,7 @@ def test_the_gradient_of_the_likelihood_is_its_slope():
 
 
 @pytest.mark.parametrize(("said", "v"), [(0.07, 4.0), (0.16, 20.0)])
-def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
+def test_calibration_corrects_too_small_and_too_large_scales(said, v):
     rng = np.random.default_rng(0)
     u, error = np.ones((8000, 1)), t_errors(rng, 8000, 0.1, v)
     nothing_hidden = np.zeros((1, 0)), np.zeros((0, KNOTS, 3))

@@ -49,7 +49,7 @@ def validated(tmp_path_factory, in_this_process):
 
 
 @pytest.mark.slow
-def test_the_command_writes_what_the_rows_say(validated):
+def test_the_report_equals_statistics_of_the_rows(validated):
     """Means and tests recomputed from the rows of jobs done here, with the saved weights."""
     folder, out = validated
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
@@ -81,7 +81,7 @@ def test_the_command_writes_what_the_rows_say(validated):
 
 
 @pytest.mark.slow
-def test_both_data_sets_stand_beside_what_is_published(validated):
+def test_both_data_sets_are_tabulated_beside_published_values(validated):
     summary = json.loads((validated[1] / "summary.json").read_text(encoding="utf-8"))
     few = summary | {"groups": summary["groups"][:2]}
     lines = {line.split(" | ")[0].strip("| "): line for line in side_by_side({"all": summary, "few": few}).split("\n")}
@@ -96,7 +96,7 @@ def test_both_data_sets_stand_beside_what_is_published(validated):
 
 
 @pytest.mark.slow
-def test_a_standing_person_does_not_spoil_the_summary(monkeypatch):
+def test_a_standing_person_has_no_yaw_against_travel(monkeypatch):
     """A standing person is `straight` and has no direction of travel, so never a yaw against it."""
     still_m = np.tile([2.0, 0.5, 0.4], (75, 1))
     walks = {"a": line_m(75), "b": line_m(75, velocity_m_s=(0.5, 0.5, 0.0)), "c": still_m}
@@ -113,7 +113,7 @@ def test_a_standing_person_does_not_spoil_the_summary(monkeypatch):
 
 
 @pytest.mark.slow
-def test_on_real_straight_walks_the_papers_rule_costs_and_the_other_one_helps(walks_dir):
+def test_on_real_straight_walks_the_papers_rule_errs_more_and_the_other_less(walks_dir):
     with (walks_dir / "index.csv").open(newline="", encoding="utf-8") as file:
         clips = [r["clip"] for r in csv.DictReader(file) if r["group"] == "straight"]
     jobs = [FrameJob(str(walks_dir / f"{clip}.csv"), TUNED_TIME_S, ("paper", "both"), 0) for clip in clips]

@@ -33,7 +33,7 @@ def test_the_printed_statistics_imply_2808_and_2734_frames_and_at_least_1582():
         assert fits == {implied[p.group].fewest}
 
 
-def test_the_published_test_of_straight_routes_asked_the_other_way_round():
+def test_the_opposite_tail_of_the_published_straight_route_test():
     """Half of the possible rank sums lie above the printed one: the baseline errs less."""
     straight = implied_frames(PUBLISHED[0])
     assert straight.worse_p_value == pytest.approx(0.0048, abs=1e-4)
@@ -49,7 +49,7 @@ FRAME_S = 1 / 30
 
 
 @pytest.mark.parametrize("time_s", [0.4, 1.0, 2.0])
-def test_the_steady_filter_has_this_natural_frequency_and_damping(time_s):
+def test_natural_frequency_and_damping_of_the_steady_state_filter(time_s):
     """Poles of the steady-state Kalman filter by Riccati's equation."""
     F, H = np.array([[1.0, FRAME_S], [0.0, 1.0]]), np.array([[1.0, 0.0]])
     Q = acceleration_psd(time_s) * np.array([[FRAME_S**3 / 3, FRAME_S**2 / 2], [FRAME_S**2 / 2, FRAME_S]])
@@ -98,7 +98,7 @@ def test_the_sweep_by_hand():
 
 
 @given(way_m=st.floats(0.05, 2.0), turn_rad=st.floats(-6.0, 6.0, allow_subnormal=False))
-def test_error_of_going_straight_on_by_walking_the_arc(way_m, turn_rad):
+def test_straight_line_error_equals_the_integrated_arc(way_m, turn_rad):
     """The arc in 4000 short steps, each in the direction at its middle."""
     direction = turn_rad * (np.arange(4000) + 0.5) / 4000
     end = way_m / 4000 * np.array([np.cos(direction).sum(), np.sin(direction).sum()])

@@ -82,7 +82,7 @@ def test_the_error_at_any_weight_is_that_of_the_predictor_run_with_it(name, rule
     assert np.abs(own.turn_m).max() > 0.01
 
 
-def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
+def test_a_constant_head_yaw_rotates_the_step_by_that_angle(monkeypatch):
     """Rotating s by a moves its end by 2 s sin(a / 2), to the left of travel; the body faces x, travel is aside."""
     row = made_errors(monkeypatch, line_m(), rules=tuple(RULES), head_deg=20.0)
     heading_deg = np.degrees(np.arctan2(VELOCITY_M_S[1], VELOCITY_M_S[0]))
@@ -101,7 +101,7 @@ def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
         assert np.all(np.diff(np.abs(removed.yaw_deg[10:])) < 0)
 
 
-def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
+def test_a_frame_without_observed_future_is_not_scored(monkeypatch):
     """Half a second is missing: frames before it are judged only if the frame 15 later is there."""
     valid = np.ones(120, dtype=bool)
     valid[60:75] = False

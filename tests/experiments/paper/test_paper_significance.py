@@ -41,7 +41,7 @@ def swapped(judged):
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10_000))
-def test_the_test_over_frames_is_the_rank_sum_by_hand(seed):
+def test_the_frame_test_is_the_signed_rank_sum_by_hand(seed):
     rng = np.random.default_rng(seed)
     judged = []
     for k, size in enumerate(rng.integers(16, 60, 3)):
@@ -85,7 +85,7 @@ def enumerated(gains):
 @given(
     gains=st.lists(st.floats(-50, 50).filter(lambda g: abs(g) > 0.01), min_size=2, max_size=8), seed=st.integers(0, 99)
 )
-def test_the_test_over_people_is_exact(gains, seed):
+def test_the_test_over_people_enumerates_all_signs(gains, seed):
     sizes = np.sort(np.abs(gains))
     assume(np.diff(sizes).min() > 1e-6)
     judged = judged_of(gains, seed)
@@ -128,7 +128,7 @@ def random_videos(seed, count=3, size=40):
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10_000))
-def test_the_exact_weight_is_the_least_on_a_fine_grid(seed):
+def test_the_exact_weight_minimises_a_fine_grid(seed):
     videos = random_videos(seed, count=1)
     base, turn = videos[0].base_m, videos[0].turn_m
     grid = np.linspace(0, 1, 2001)
@@ -139,7 +139,7 @@ def test_the_exact_weight_is_the_least_on_a_fine_grid(seed):
     assert abs(weight - grid[np.argmin(totals)]) <= 1.01 / 2000
 
 
-def test_who_is_judged_is_not_tuned_on():
+def test_weights_are_tuned_without_the_tested_person():
     """Only c's frames ask for w = 1, and they outweigh the others', who ask for 0; c has two videos."""
     turn = np.tile([0.1, 0.0, 0.0], (20, 1))
     videos = [

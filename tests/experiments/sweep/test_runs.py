@@ -30,7 +30,7 @@ def undisturbed(tmp_path_factory, in_this_process):
     return folder
 
 
-def test_tables_and_known_effects(undisturbed):
+def test_tables_are_written_and_known_effects_have_their_sign(undisturbed):
     rows, table = rows_of(undisturbed / "out"), rows_of(undisturbed / "out", "table.csv")
     assert len(rows) == 8
     assert len({(r["point"], r["recording"]) for r in rows}) == 8
@@ -57,7 +57,7 @@ def test_tables_and_known_effects(undisturbed):
     assert "experiments.sweep.sweep.sweep(SweepSettings(" in report
 
 
-def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_path, monkeypatch):
+def test_a_user_defined_part_is_swept_with_its_options_and_name(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     vary = {"controller": [f"{own}:Sluggish", "lookahead"], "options.share": [0.5, 1.0]}
     base = {"predictor": "constant_velocity", "neck": quick_neck(tmp_path)}

@@ -64,7 +64,7 @@ def by_hand(neck, index, lengths, T, zeta, bounded):
 
 @pytest.mark.parametrize("bounded", [False, True])
 @pytest.mark.parametrize("name", neck_names())
-def test_the_matrices_are_those_made_by_hand(name, bounded):
+def test_the_condensed_matrices_equal_those_by_hand(name, bounded):
     neck = load_neck(name)
     lengths = growing_steps(0.8, neck.control_period_s)
     T, zeta = (0.09, ACQUISITION_DAMPING) if bounded else (0.12, PLAIN_DAMPING)

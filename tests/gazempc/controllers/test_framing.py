@@ -50,7 +50,7 @@ def best_by_ipopt(state, low, high):
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.15, -0.3])
-def test_the_optimum_is_that_of_the_statement(offset):
+def test_the_optimum_equals_that_of_ipopt(offset):
     ocp = AxisOcp(even(STEPS), T, ZETA, bounded=True, zone=True)
     solvers = set()
     for state, reference in random_states(2, 0.1, STEPS, seed=3):
@@ -63,7 +63,7 @@ def test_the_optimum_is_that_of_the_statement(offset):
     assert "none" not in solvers
 
 
-def test_a_joint_at_rest_in_the_zone_stays_there():
+def test_a_joint_at_rest_in_the_zone_stays_at_rest():
     ocp = AxisOcp(even(STEPS), T, ZETA, bounded=True, zone=True)
     reference = np.linspace(0.01, 0.04, STEPS)
     solution = ocp.solve(np.array([0.0, 0.0, 0.0, 0.0, 0.0]), reference, (reference - 0.05, reference + 0.05))
@@ -85,9 +85,7 @@ def pan_deg(*steps):
     ("hysteresis_per_s", "sigma_m", "back_to_deg", "turns"),
     [(0.0, 0.0, 21.0, 1), (0.0, 0.2, 21.0, 0), (5.0, 0.0, 21.0, 0), (5.0, 0.2, -25.0, 1)],
 )
-def test_the_camera_turns_back_only_for_a_head_that_is_outside_for_certain(
-    hysteresis_per_s, sigma_m, back_to_deg, turns
-):
+def test_the_camera_turns_back_only_beyond_the_deviation_of_the_head(hysteresis_per_s, sigma_m, back_to_deg, turns):
     """A head at 40 deg is framed from 31 to 35 deg; at 21 it is just outside the zone."""
     framing = Framing(headroom=0.5, lead_room=0.0, hysteresis_per_s=hysteresis_per_s)
     joints, *_ = run(
@@ -102,7 +100,7 @@ def test_the_camera_turns_back_only_for_a_head_that_is_outside_for_certain(
 
 
 @pytest.mark.parametrize(("excursions", "moves"), [(0.7, False), (2.0, True)])
-def test_the_camera_waits_out_a_short_excursion_of_a_person_who_stays(excursions, moves):
+def test_the_camera_ignores_a_short_excursion_of_a_standing_person(excursions, moves):
     """The forecast is the present position: 14 deg, outside the zone of 10 deg and inside the picture of 30."""
     framing = Framing(headroom=0.5, lead_room=0.0)
     path = pan_deg((0.4, 14.0), (0.4 + excursions * 1.5 * CAMERA.pan.dead_time_s, 0.0))
@@ -128,7 +126,7 @@ def metrics_of(recording, framing):
 
 
 @pytest.mark.slow
-def test_the_camera_rests_before_a_person_who_stands():
+def test_the_camera_is_at_rest_before_a_standing_person():
     metrics, log = metrics_of("subject03_stand", Framing())
     assert metrics.time_in_zone > 0.99
     assert metrics.reversals_per_min == 0.0
@@ -147,6 +145,6 @@ def test_a_walker_is_kept_in_the_zone_within_the_limits_of_the_picture():
     assert metrics.rms_acceleration_rad_s2 < 0.7 * plain.rms_acceleration_rad_s2
 
 
-def test_a_zone_is_no_unstable_loop():
+def test_a_zone_has_no_margin_warning():
     """Inside, nothing pulls the camera anywhere: the checks of the linear loop do not apply."""
     assert too_small(gz.Mpc(CAMERA, framing=Framing())) == []

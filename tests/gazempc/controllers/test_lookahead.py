@@ -59,7 +59,7 @@ def test_acquisition_is_not_smoothed(name):
     assert smooth[-1, 0] == pytest.approx(aim_rad, abs=np.radians(0.1))
 
 
-def test_near_them_the_low_pass_starts_again_from_the_present_command():
+def test_near_the_target_the_low_pass_restarts_from_the_command():
     """By hand: 20 deg off nothing is smoothed; then 4 deg off, the first knot is a share of these 4 deg on."""
     controller = LookAhead(NECK, 0.1)
     aim_rad = np.radians(20.0)
@@ -73,7 +73,7 @@ def test_near_them_the_low_pass_starts_again_from_the_present_command():
     assert near.position_rad[0, 0] == pytest.approx(np.radians(20.0 - 4.0 * (1.0 - share) ** 2))
 
 
-def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_delays():
+def test_reactive_holds_the_latest_position_and_lookahead_compensates_all_delays():
     """By hand: the target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s and half of the 5 ms that it is held."""
     now = 0.5
     plan = planned(Reactive(NECK), crossing, start_s=now, newest_s=0.43)

@@ -26,7 +26,7 @@ def variant(name="reference", **of_both_axes):
     return NeckSpec.model_validate(content)
 
 
-def test_a_constant_load_leaves_no_error():
+def test_a_constant_load_leaves_no_steady_state_error():
     """Two degrees of load: the MPC looks at the person all the same; a look-ahead stays two degrees off."""
     loaded = variant(load_offset_deg=2.0)
     _, _, errors = run(Mpc(NECK), loaded, still(0.3), 1500, start_rad=(0.3, 0.0), model=NECK)
@@ -37,7 +37,7 @@ def test_a_constant_load_leaves_no_error():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scale", "dead_time_s", "far_rad"), [(0.7, 0.05, 1.0), (0.7, 0.6, 0.5), (1.3, 0.6, -1.0)])
-def test_a_dead_time_modelled_30_percent_wrong_leaves_it_stable(scale, dead_time_s, far_rad):
+def test_the_loop_is_stable_with_a_dead_time_error_of_30_percent(scale, dead_time_s, far_rad):
     """A person who jumps aside: the joint comes to them, passes them by little, and stays."""
     plant, model = variant(dead_time_s=dead_time_s), variant(dead_time_s=scale * dead_time_s)
 
@@ -67,7 +67,7 @@ def test_a_dead_time_modelled_30_percent_wrong_leaves_it_stable(scale, dead_time
     ),
     st.integers(0, 2**32 - 1),
 )
-def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
+def test_commands_are_within_limits_for_any_neck_state_and_target(axis, seed):
     """Thousands of plans: joints anywhere, targets that jump, also into the neck and behind it, any confidence."""
     rng = np.random.default_rng(seed)
     neck = variant(**axis)
@@ -107,7 +107,7 @@ def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
-def test_a_start_outside_the_limits_softens_them_with_an_event(seed):
+def test_a_start_outside_the_limits_softens_them_and_is_an_event(seed):
     """Commands at up to three times the limits: a finite plan, never an exception; the softened limit is named."""
     rng = np.random.default_rng(seed)
     limits = NECK.command_limits

@@ -30,13 +30,13 @@ def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
     raise AssertionError("never")
 
 
-def test_with_the_true_future_the_gaze_is_on_the_person():
+def test_with_the_true_future_the_gaze_tracks_the_person():
     _, _, errors = run(Mpc(NECK), NECK, crossing, 400, start_rad=look_at_rad(NECK.geometry, crossing(0.0)))
     assert errors[300:].max() < 0.028  # 0.024 as measured
 
 
 @pytest.mark.parametrize("dead_times", [(0.2513, 0.4), (0.0, 0.003)])
-def test_fractional_and_different_dead_times(dead_times):
+def test_fractional_and_unequal_dead_times_add_no_error(dead_times):
     """Pan and tilt with dead times of their own that are no multiple of a tick: the error stays that of whole ones."""
     axes = {
         name: getattr(NECK, name).model_copy(update={"dead_time_s": dead})
@@ -55,7 +55,7 @@ def test_fractional_and_different_dead_times(dead_times):
     assert errors[300:].max() < 0.035  # at most 0.030 as measured
 
 
-def test_step_is_as_fast_as_the_limits_allow():
+def test_a_step_is_time_optimal():
     """The arrival is that of the linear program, dead time included, without overshoot before a person at rest."""
     joints, _, _ = run(Mpc(NECK, smoothing_time_s=0.02), NECK, still(0.98), 300)
     arrived_s = np.argmax(np.abs(joints[:, 0] - 0.98) < 0.02) * NECK.servo_period_s
@@ -83,14 +83,14 @@ def test_the_smoother_follows_plans_that_use_their_limits(name):
     assert np.rad2deg(smoother.command.position_rad[0]) > 50.0
 
 
-def test_a_horizon_that_is_shorter_than_its_smoothing_is_refused():
+def test_a_horizon_shorter_than_the_smoothing_time_is_refused():
     with pytest.raises(SettingsError, match=r"mpc\.horizon_s.*at least 0\.6 s"):
         Mpc(NECK, horizon_s=0.5, smoothing_time_s=0.3)
 
 
 @pytest.mark.parametrize("name", ["reference", "slow"])
 @pytest.mark.parametrize(("side", "towards"), [(1.0, True), (-1.0, False)])
-def test_acquisition_of_a_walker_hardly_overshoots(name, side, towards):
+def test_acquisition_of_a_walker_has_bounded_overshoot(name, side, towards):
     """60 deg aside, walking towards where the gaze starts or away from there; the forecast is right."""
     neck = load_neck(name)
     speed_m_s = -1.2 if towards else 0.8
@@ -108,14 +108,14 @@ def test_acquisition_of_a_walker_hardly_overshoots(name, side, towards):
 
 
 @pytest.mark.parametrize("name", ["reference", "reachy_mini"])
-def test_acquisition_of_a_person_at_rest_hardly_overshoots(name):
+def test_acquisition_of_a_person_at_rest_has_bounded_overshoot(name):
     """20 deg aside, less than what gives bounds: the program that follows gets the joint when it is slow."""
     neck = load_neck(name)
     joints, _, _ = run(Mpc(neck), neck, still(np.radians(20.0)), 300)
     assert np.degrees(joints[:, 0].max()) < 20.45
 
 
-def test_when_a_joint_is_on_its_way_and_what_it_is_not_to_pass():
+def test_acquisition_hysteresis_and_its_bounds():
     """By hand, in degrees: from 15 off until 2.6 off; bounds only for who was more than 25 off."""
     joint = Acquisition(NECK, 0, 0.1)
 
@@ -147,7 +147,7 @@ def test_when_a_joint_is_on_its_way_and_what_it_is_not_to_pass():
     assert bounds(79.0, 130.0) is None
 
 
-def test_who_comes_back_from_out_of_reach_is_followed_as_if_nothing_had_been():
+def test_a_return_into_reach_causes_no_acquisition():
     """They walk about beyond the pan limit and come into reach again: the joint waits there and is not far off."""
 
     def returning(times):

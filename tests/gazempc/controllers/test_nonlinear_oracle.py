@@ -244,9 +244,7 @@ def rms(values):
         ("fetch", 5.0, 1.1, False, 0.15),
     ],
 )
-def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(
-    name, start_deg, speed_m_s, acquired, tolerance_deg
-):
+def test_the_convex_gaze_is_close_to_the_nonlinear_optimum(name, start_deg, speed_m_s, acquired, tolerance_deg):
     """A walker who passes 1.5 m away, from rest beside, under a load: how far the two gazes are apart, RMS."""
     neck = load_neck(name)
     mpc = Listener(neck, smoothing_time_s=0.11, acquisition_time_s=0.09, horizon_s=0.5)
@@ -297,7 +295,7 @@ def planned_on_walks(walks_dir, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "most_rms_deg", "most_deg"), [("reference", 0.01, 0.1), ("fetch", 0.03, 0.3)])
-def test_on_real_walks_the_gaze_is_that_of_the_nonlinear_one(walks_dir, name, most_rms_deg, most_deg):
+def test_on_real_walks_the_convex_gaze_is_close_to_the_nonlinear_optimum(walks_dir, name, most_rms_deg, most_deg):
     """Over all instants and the whole horizon, forecasts and smoothing times as they were.
 
     The aim is 0.05 deg RMS; held to less. Where `fetch` is far off, its eye is beside the axis, which the convex

@@ -38,7 +38,7 @@ def within_limits(model, command, scaled_jerk, room):
     return all(np.abs(share).max() <= 1.0 + room for share in shares)
 
 
-def test_the_gain_is_used_exactly_where_no_limit_binds():
+def test_the_gain_is_used_exactly_when_no_limit_is_active():
     """The best motion without limits, by the normal equations: taken if it keeps them all, else DAQP is asked."""
     asked = {"gain": 0, "daqp": 0}
     rng = np.random.default_rng(6)
@@ -59,7 +59,7 @@ def test_the_gain_is_used_exactly_where_no_limit_binds():
 
 @settings(max_examples=30)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-1, 1), st.floats(-4, -1.5))
-def test_where_no_limit_binds_daqp_finds_what_the_gain_finds(unit_state, change, exponent):
+def test_without_active_limits_daqp_and_the_gain_agree(unit_state, change, exponent):
     state = 10**exponent * np.array(unit_state) * LIMITS
     reference = np.full(N, 10**exponent * change)
     solution = OCP.solve(state, reference)
@@ -71,7 +71,7 @@ def test_where_no_limit_binds_daqp_finds_what_the_gain_finds(unit_state, change,
 
 
 @pytest.mark.slow
-def test_soft_limits_are_exact_when_they_can_be_kept():
+def test_soft_limits_are_exact_when_feasible():
     """A target far beyond the position limit presses hardest against it, and does not bend it."""
     state, reference = np.array([1.2, 0, 1.2, 0, 0.0]), np.full(40, 3.0)
     solution = LONG.solve(state, reference)
@@ -91,7 +91,7 @@ def test_soft_limits_are_exact_when_they_can_be_kept():
         ([-1.6, -3.0, -1.6, -3.0, -20.0], -1.0),
     ],
 )
-def test_a_start_outside_the_limits_is_solved_as_by_ipopt_with_slacks(state, target_rad):
+def test_a_start_outside_the_limits_has_the_optimum_of_ipopt_with_slacks(state, target_rad):
     state, reference = np.array(state), np.full(N, target_rad)
     z, _ = ipopt(N, T, soft=True)(state, reference)
     low, high = NECK.command_limits.position_min_rad[0], NECK.command_limits.position_max_rad[0]
@@ -141,7 +141,7 @@ def test_a_joint_with_bounds_does_not_pass_the_person(below):
     assert kkt_residual(data, g, lower, upper, ours.scaled_jerk, tolerance=1e-6).stationarity < 1e-4
 
 
-def test_limits_come_before_not_passing():
+def test_limits_have_priority_over_the_no_passing_bound():
     """Too fast to stop before a near person: overshoot, and all limits are kept."""
     state, reference = np.array([0.0, 2.4, 0.2, 2.4, 0.0]), np.full(LONG.model.lengths.size, 0.1)
     ours = BOUNDED.solve(state, reference, not_past(reference, below=True))
@@ -152,7 +152,7 @@ def test_limits_come_before_not_passing():
 
 @pytest.mark.parametrize("ocp", [OCP, LONG], ids=["20", "40"])
 @pytest.mark.parametrize("scale", [0.3, 0.8, 1.5])
-def test_answers_are_optimal(ocp, scale):
+def test_solutions_satisfy_the_kkt_conditions(ocp, scale):
     """Apart from any solver; up to 1.5 times the limits, where most starts make them soft."""
     data = ocp.program.data
     daqp, softened = Daqp(data), 0
@@ -173,7 +173,7 @@ def test_answers_are_optimal(ocp, scale):
 
 @pytest.mark.parametrize(("pull", "best"), [(0.25, 0.25), (2.0, 0.5), (2.75, 0.75), (9.0, 1.0)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_residual_of_a_program_solved_by_hand(pull, best, side):
+def test_the_kkt_residual_of_a_program_solved_by_hand(pull, best, side):
     """(x - pull)^2 / 2 with |x| <= 1/2 at 2 a unit: inside, held by a multiplier up to 2, beyond, at the bound."""
     data = QpData(h=np.eye(1), a=np.eye(1), penalty=2.0)
     for x in (0.0, 0.25, 0.5, 0.75, 1.0):
@@ -183,7 +183,7 @@ def test_the_residual_of_a_program_solved_by_hand(pull, best, side):
 
 @settings(max_examples=50)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-6, 6), st.floats(-4, 4), st.sampled_from([0.3, 1.0, 3.0]))
-def test_any_state_has_a_solution(unit_state, target_rad, slope_rad_s, scale):
+def test_the_program_is_feasible_for_any_state(unit_state, target_rad, slope_rad_s, scale):
     """Also starts far outside every limit and unreachable targets: soft limits always leave a way."""
     state = scale * np.array(unit_state) * LIMITS
     solution = OCP.solve(state, target_rad + slope_rad_s * np.linspace(0, 0.4, N))
@@ -192,7 +192,7 @@ def test_any_state_has_a_solution(unit_state, target_rad, slope_rad_s, scale):
     assert np.all(np.isfinite(solution.command))
 
 
-def test_where_the_solver_is_stopped_the_motion_is_the_best_without_limits():
+def test_a_stopped_solver_gives_the_unconstrained_optimum():
     """Stopped on purpose, on a start that needs more than one change of its active set; the smoother does the rest."""
     state, reference = np.array([0.0, 0.0, 0.0, 2.0, 10.0]), np.ones(N)
     stopped = AxisOcp(MODEL, T, iterations=1).solve(state, reference)
@@ -203,7 +203,7 @@ def test_where_the_solver_is_stopped_the_motion_is_the_best_without_limits():
     assert AxisOcp(MODEL, T).solve(state, reference).solver == "daqp"
 
 
-def test_a_solver_that_gave_up_goes_on_as_if_new():
+def test_a_failed_solve_is_not_used_as_warm_start():
     """What a stopped run leaves behind is no start for the next one."""
     tired = Daqp(OCP.program.data, iteration_limit=32)
     statuses = []
@@ -219,7 +219,7 @@ def test_a_solver_that_gave_up_goes_on_as_if_new():
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("where", [0, 1])
-def test_what_is_not_finite_is_refused(where, value):
+def test_nan_and_infinity_are_refused(where, value):
     for k in range(5):
         arguments = [np.zeros(5), np.zeros(N)]
         arguments[where][k] = value

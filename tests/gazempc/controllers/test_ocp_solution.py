@@ -34,7 +34,7 @@ SLOW = np.array([0.02, 0.05, 0.0275, 0.05, 0.0])
         (np.array([1.2, 0.5, 1.25, 0.3, 0.0]), 1.3, 1.4, "jerk acceleration position"),
     ],
 )
-def test_solution_is_that_of_ipopt(state, from_rad, to_rad, binding):
+def test_the_solution_equals_that_of_ipopt(state, from_rad, to_rad, binding):
     """The farther the target the more limits bind."""
     steps = LONG.model.lengths.size
     reference = np.linspace(from_rad, to_rad, steps)
@@ -68,7 +68,7 @@ def test_unconstrained_solution_is_least_squares():
     assert ours.scaled_jerk == pytest.approx(best.x, abs=1e-8)
 
 
-def test_prediction_is_the_continuous_time_model():
+def test_the_prediction_equals_the_continuous_time_model():
     """The rolled maps against scipy's ODE solver with the command held between servo ticks; steps of many lengths."""
     lengths = (1, 1, 2, 3)
     p = AxisModel(NECK, 0, lengths, 5)
@@ -108,7 +108,7 @@ def test_prediction_is_the_continuous_time_model():
 UNEVEN = (1, 1, 1, 2, 3, 4)
 
 
-def test_the_command_is_that_of_the_jerks():
+def test_the_command_is_the_integral_of_the_jerks():
     """What is returned is the motion that the returned jerks make; also where the position limits are lopsided."""
     uneven = AxisModel(NECK, 0, UNEVEN, sum(UNEVEN))
     for ocp in (OCP, AxisOcp(even(N, 1), T), AxisOcp(uneven, T), AxisOcp(uneven, T, bounded=True)):
@@ -123,7 +123,7 @@ def test_the_command_is_that_of_the_jerks():
                     assert solution.command[:, k] == pytest.approx([u, du, ddu], abs=1e-8)
 
 
-def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
+def test_the_velocity_limit_holds_across_unequal_steps():
     """From just below the limit and still speeding up, a jerk at the wrong step's end would carry it past."""
     ocp = AxisOcp(AxisModel(NECK, 0, UNEVEN, sum(UNEVEN)), T)
     limit = NECK.command_limits.velocity_max_rad_s[0]
@@ -145,7 +145,7 @@ def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
     assert reached > limit * (1 - 1e-3)
 
 
-def test_growing_steps_plan_what_even_ones_do():
+def test_growing_steps_give_the_plan_of_equal_steps():
     """The first jerk, which is all that is sent before the next plan, and the joint where both have a step's end."""
     horizon = growing_steps(0.8, H)
     assert horizon[:3] == (1, 1, 1)

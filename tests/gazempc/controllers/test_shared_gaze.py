@@ -45,7 +45,7 @@ def test_with_the_true_future_the_gaze_stays_on_the_person(make, neck):
 
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
-def test_the_eyes_take_what_the_head_leaves(make):
+def test_the_eyes_compensate_the_error_of_the_head(make):
     """The head alone is degrees off, and far smoother than that of a neck without eyes."""
     joints, _, _ = run(make(EYES), EYES, crossing, 250, start_rad=start(EYES))
     alone, _, _ = run(make(NECK), NECK, crossing, 250, start_rad=start(EYES)[:2])
@@ -57,7 +57,7 @@ def test_the_eyes_take_what_the_head_leaves(make):
 
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
-def test_a_large_shift_is_made_by_the_eyes_first(make):
+def test_the_eyes_lead_the_head_in_a_large_shift(make):
     joints, _, error_deg = run(make(EYES), EYES, standing, 300, start_rad=np.zeros(4))
     eye_deg, head_deg = np.rad2deg(joints[:, 2]), np.rad2deg(joints[:, 0])
     at_limit = int(np.flatnonzero(eye_deg > EYE_LIMIT_DEG - 2.0)[0])
@@ -68,7 +68,7 @@ def test_a_large_shift_is_made_by_the_eyes_first(make):
     assert error_deg[-1] < 0.1
 
 
-def test_reactive_eyes_cancel_the_measured_head():
+def test_reactive_eyes_compensate_the_measured_head():
     """The gaze reaches a person at rest long before the head has come round."""
     joints, _, error_deg = run(
         Reactive(EYES), EYES, lambda t: standing(t) * [1.0, 0.3, 1.0], 100, start_rad=np.zeros(4)
@@ -78,7 +78,7 @@ def test_reactive_eyes_cancel_the_measured_head():
 
 
 @pytest.mark.parametrize("make", [Reactive, Mpc])
-def test_a_body_brings_in_reach_what_the_head_alone_cannot_see(make):
+def test_a_body_joint_extends_the_reach_of_the_head(make):
     behind = np.array([-1.0, 1.2, 0.2])
     ticks = round(4.0 / BODY.servo_period_s)
     joints, _, error_deg = run(
@@ -123,7 +123,7 @@ def to_and_fro(times_s):
         pytest.param(LookAhead, EYES, 0, 0.5, 400, 0.05, id="head"),
     ],
 )
-def test_the_others_take_over_from_a_joint_that_stands_still(make, neck, joint, stuck_from_s, ticks, most_deg):
+def test_redundant_joints_compensate_a_blocked_joint(make, neck, joint, stuck_from_s, ticks, most_deg):
     joints, _, error_deg = run(
         make(neck), neck, to_and_fro, ticks, start_rad=start(neck, to_and_fro), robot_type=stuck(joint, stuck_from_s)
     )

@@ -24,7 +24,7 @@ TRUTHS = [
 
 
 @pytest.mark.parametrize(("dead_times_s", "wn", "zeta"), TRUTHS)
-def test_dead_time_and_servo_are_told_apart(dead_times_s, wn, zeta):
+def test_dead_time_and_servo_are_identified_separately(dead_times_s, wn, zeta):
     taken = simulate(plant(dead_times_s, wn, zeta, encoder_noise_deg=0.1, load_offset_deg=1.5), seed=3)
     for axis, dead_time_s in enumerate(dead_times_s):
         found = estimate_axis(taken, axis)
@@ -35,7 +35,7 @@ def test_dead_time_and_servo_are_told_apart(dead_times_s, wn, zeta):
 
 
 @pytest.mark.slow
-def test_intervals_hold_what_they_promise(clean):
+def test_intervals_have_nominal_coverage(clean):
     """95 % intervals of repeats with noise that is correlated in time, as of friction, hold the truth."""
     rng = np.random.default_rng(0)
     thin = altered(clean, joint_time_s=clean.joint_time_s[::4], joint_rad=clean.joint_rad[::4])
@@ -54,7 +54,7 @@ def test_intervals_hold_what_they_promise(clean):
     assert np.all(narrow <= 0.75 * repeats), narrow / repeats
 
 
-def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
+def test_identification_from_sparse_quantised_outlying_and_repeated_readings(clean):
     """As of cheap hardware; a known delay of the stamps is taken off."""
     step = math.radians(0.088)
     angles_rad = np.round(clean.joint_rad[::6] / step) * step
@@ -65,7 +65,7 @@ def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
 
 
 @pytest.mark.slow
-def test_eyes_and_body_are_identified_each_for_itself(tmp_path):
+def test_eyes_and_body_are_identified_separately(tmp_path):
     """Dead times and servos of five joints, all different, from one run of the command."""
     truth = at_100_hz("reference_eyes")
     eyes = {"pan": altered_axis(truth.eyes.pan, 0.06, 50.0), "tilt": altered_axis(truth.eyes.tilt, 0.045, 40.0)}
@@ -131,12 +131,12 @@ def test_data_that_do_not_determine_the_servo_are_refused(clean, problem):
     assert text.startswith("pan: ")
 
 
-def test_refuses_a_dead_time_beyond_what_was_looked_for(clean):
+def test_a_dead_time_beyond_the_search_range_is_refused(clean):
     assert "--dead-time-max-s" in refusal(clean, dead_time_max_s=0.3)
     assert refusal(clean, dead_time_max_s=0.5) == ""
 
 
-def test_play_in_the_gears_is_noted_and_noise_is_not(clean):
+def test_backlash_is_reported_and_noise_is_not(clean):
     """The intervals know noise only; what the model cannot be must be said."""
     slack, held, rows = math.radians(0.8), clean.joint_rad[0], []
     for angles in clean.joint_rad:
@@ -168,12 +168,12 @@ def test_model_is_the_transfer_function_that_scipy_simulates(wn, zeta):
 
 
 @pytest.mark.parametrize(("wn", "zeta"), [(6.0, 0.5), (20.0, 3.0)])
-def test_bandwidth_is_where_the_answer_is_3_db_down(wn, zeta):
+def test_bandwidth_is_the_frequency_of_minus_3_db(wn, zeta):
     _, answer = signal.freqs([wn**2], [1, 2 * zeta * wn, wn**2], [2 * math.pi * bandwidth_hz(wn, zeta)])
     assert abs(answer[0]) == pytest.approx(1 / math.sqrt(2))
 
 
-def test_95_percent_intervals_hold_the_truth_where_errors_are_correlated_in_time():
+def test_95_percent_intervals_have_coverage_under_autocorrelated_errors():
     """Of a smooth regression with autoregressive errors; errors of channels that share a time are correlated, too."""
     rng, times, draws, rhos, channels = np.random.default_rng(0), 400, 300, (0.0, 0.5, 0.8, 0.95), 3
     t = np.arange(times) / 30.0

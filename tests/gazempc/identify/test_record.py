@@ -18,7 +18,7 @@ from gazempc.sim.simulated import SimulatedNeck
 
 
 @pytest.mark.parametrize("cause", ["interrupt", "command", "silence"])
-def test_whatever_ends_a_run_the_neck_comes_to_rest_within_limits(cause):
+def test_the_neck_brakes_within_limits_however_a_run_ends(cause):
     clock, calls = SimulatedClock(), itertools.count(1)
     expected = KeyboardInterrupt if cause == "interrupt" else RobotError
 
@@ -46,7 +46,7 @@ def test_whatever_ends_a_run_the_neck_comes_to_rest_within_limits(cause):
 
 @given(seconds=st.floats(0.5, 11.0))
 @settings(max_examples=10)
-def test_braking_keeps_acceleration_and_jerk(seconds):
+def test_braking_keeps_acceleration_and_jerk_limits(seconds):
     motion = excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad
     at = int(seconds * 200)
     u = np.concatenate([motion[:at], brake(REFERENCE, motion[at - 3 : at])])
@@ -67,7 +67,7 @@ class HeldUp(SimulatedClock):
         super().sleep_until_s(time_s)
 
 
-def test_a_computer_that_is_held_up_makes_no_jump():
+def test_a_late_tick_causes_no_jump():
     """What was planned is done later, not left out; after a longer stall the neck is braked and the run is given up."""
     planned = np.abs(np.diff(excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad, axis=0)).max()
     taken = simulate(REFERENCE, clock=HeldUp(0.06))

@@ -22,7 +22,7 @@ from gazempc.types import JointState, Sighting
 from predictors import ConstantVelocity
 
 
-def test_a_plan_out_of_range_and_joints_that_drift_off_are_named_and_the_run_goes_on(tmp_path):
+def test_out_of_range_plans_and_drifting_readings_are_events_and_the_run_continues(tmp_path):
     """Every kind of `benchmarks.faults.wrongs` is tried in `test_live_own_parts`, also of these parts."""
     clock, drifts_from_s = SimulatedClock(), 1.1
     wild = between(0.6, drifts_from_s)
@@ -44,7 +44,7 @@ def test_a_plan_out_of_range_and_joints_that_drift_off_are_named_and_the_run_goe
     assert load_log(tmp_path / "log.npz").time_s.size == result.report.ticks
 
 
-def test_a_fault_of_the_program_keeps_a_log_that_loads(tmp_path, monkeypatch):
+def test_a_program_error_leaves_a_loadable_log(tmp_path, monkeypatch):
     """The true joints of the tick that failed are left out."""
     tick, raised = LoopRecorder.tick, []
 
@@ -86,7 +86,7 @@ BLOCKED_S = 0.4
 
 @pytest.mark.slow
 @pytest.mark.parametrize("named", ["Controller.plan()", "Spied.read_state()", "Faulty.poll()"])
-def test_a_part_that_blocks_holds_up_no_command(named):
+def test_a_blocking_part_delays_no_command(named):
     clock, blocks, polled_s = RealClock(), [BLOCKED_S], []
 
     def block(part, answer=None):
@@ -111,7 +111,7 @@ def test_a_part_that_blocks_holds_up_no_command(named):
 
 
 @pytest.mark.slow
-def test_a_controller_that_never_returns_does_not_hold_up_the_end_of_the_run():
+def test_a_hanging_controller_does_not_delay_the_end_of_the_run():
     released, plans = threading.Event(), []
 
     def hang(plan):
@@ -143,7 +143,7 @@ KINDS = (
         st.tuples(st.sampled_from(KINDS), st.floats(0.0, 1.8), st.floats(0.01, 1.0)), min_size=1, max_size=6
     )
 )
-def test_any_sequence_of_faults_is_survived_within_limits(faults):
+def test_commands_stay_within_limits_for_any_sequence_of_faults(faults):
     def on(kind, now_s):
         return any(kind == k and start <= now_s < start + length for k, start, length in faults)
 

@@ -44,7 +44,7 @@ def test_a_run_from_standard_input_to_its_end(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_signal_during_the_start_ends_it_in_order(tmp_path):
+def test_a_signal_during_the_start_ends_the_program_in_order(tmp_path):
     with Program("--source", "stdin", "--robot", "simulated", "--out", tmp_path) as program:
         program.until_it_takes_signals()
         program.process.send_signal(signal.SIGINT)
@@ -59,7 +59,7 @@ T = np.arange(150) / 30.0
 WALK = np.column_stack([np.full_like(T, 2.0), 0.8 * np.sin(0.6 * T), np.full_like(T, 0.3)])
 
 
-def test_a_live_run_on_a_bag_has_the_delays_of_the_recording_and_writes_logs_that_join(tmp_path, capsys):
+def test_a_live_run_on_a_bag_has_recorded_delays_and_joinable_logs(tmp_path, capsys):
     bag = write_bag(tmp_path / "bag", face_rows("face_a", 1e9 + T, WALK, "camera_link"), delay_s=0.08)
     out = tmp_path / "out"
     words = f"--source bag:{bag} --robot simulated --simulated-clock --out {out} --log-s 3 --log npz --no-figures"
@@ -107,5 +107,5 @@ def test_a_live_run_on_a_bag_has_the_delays_of_the_recording_and_writes_logs_tha
         ("--source bag:nowhere --sensor reference", ["--sensor", "--source replay"]),
     ],
 )
-def test_bad_input_is_named_and_the_status_is_2(arguments, named, tmp_path, capsys):
+def test_bad_input_is_reported_with_status_2(arguments, named, tmp_path, capsys):
     assert_refused(arguments.split(), named, tmp_path, capsys)

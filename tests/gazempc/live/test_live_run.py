@@ -22,7 +22,7 @@ from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
 
 
-def test_on_a_simulated_clock_a_live_run_is_the_replay():
+def test_on_a_simulated_clock_a_live_run_equals_the_replay():
     placed = reordered(synthetic("subject05_R6"), range(75))
     settings = ReplaySettings()
     wanted = replayed(placed, settings=settings)
@@ -44,7 +44,7 @@ def test_on_a_simulated_clock_a_live_run_is_the_replay():
     assert len(live.joined("time_s")) - n < 0.4 / TS
 
 
-def test_commands_do_not_jitter_with_the_clock():
+def test_commands_are_independent_of_clock_jitter():
     """Made for when ticks are due; made for when they are done, most would be a chase at the limit of jerk."""
     n = int(3.0 / TS)
 
@@ -68,7 +68,7 @@ def test_a_step_of_the_unix_clock_is_in_the_log(monkeypatch):
     assert_sound(result)
 
 
-def test_short_logs_join_to_the_log_of_the_whole_run_and_nothing_is_kept():
+def test_short_logs_join_to_the_whole_log_and_leave_memory():
     alive, logs = [], []
 
     def keep(log, times):
@@ -97,7 +97,7 @@ def test_short_logs_join_to_the_log_of_the_whole_run_and_nothing_is_kept():
     assert max(alive) <= 100
 
 
-def test_a_solver_that_takes_100_ms_for_a_second():
+def test_the_gaze_recovers_after_a_second_of_100_ms_solves():
     """What is left of each late plan is used; the gaze is hardly worse meanwhile, and as ever 1.2 s after."""
     clock = SimulatedClock()
     slow = between(1.5, 2.5)
@@ -118,7 +118,7 @@ def test_a_solver_that_takes_100_ms_for_a_second():
 
 
 @pytest.mark.parametrize(("takes_s", "compute_delay_s"), [(0.015, 0.0), (0.03, 0.05), (0.015, 0.05)])
-def test_plans_are_late_that_come_after_their_tick_or_keep_the_next_one_waiting(takes_s, compute_delay_s):
+def test_a_plan_is_late_after_its_tick_or_beyond_a_control_period(takes_s, compute_delay_s):
     """Within a control period, but after the tick; before the tick, but longer than a control period; neither."""
     clock = SimulatedClock()
     result = run_live(
@@ -132,7 +132,7 @@ def test_plans_are_late_that_come_after_their_tick_or_keep_the_next_one_waiting(
 
 
 @pytest.mark.parametrize(("where", "jump_s"), [("asleep", 0.052), ("at work", 0.5)])
-def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
+def test_missed_ticks_are_skipped_without_a_burst(jump_s, where):
     """As seen by the robot."""
     from_s = 1.0
     clock = Jumping([(from_s, jump_s)] if where == "asleep" else [])

@@ -47,7 +47,7 @@ def test_an_observation_with_nan_a_bad_quaternion_or_a_head_at_the_sensor_is_ref
     assert_recovered(result, 1.0 + 1.2)
 
 
-def test_a_source_that_raises_is_asked_again_the_neck_brakes_and_a_burst_of_stale_frames_is_dropped():
+def test_a_raising_source_is_retried_after_braking_and_stale_frames_are_dropped():
     """What it raises is in the log with its traceback, once. Then it delivers all that it has kept."""
     to_s = 3.5
 
@@ -75,7 +75,7 @@ def test_a_source_that_raises_is_asked_again_the_neck_brakes_and_a_burst_of_stal
     assert_recovered(result, to_s + 1.9, within_deg=1.0)
 
 
-def test_a_clock_that_is_ahead_is_an_event_and_a_sender_that_is_refused_is_reported_every_ten_seconds(caplog):
+def test_a_fast_clock_is_an_event_and_refused_senders_are_reported_every_10_s(caplog):
     def ahead(now_s, sighting):
         seen = sighting.observation
         return [Sighting(sighting.arrival_s, dataclasses.replace(seen, capture_time_s=seen.capture_time_s + 0.2))]
@@ -100,7 +100,7 @@ def test_a_clock_that_is_ahead_is_an_event_and_a_sender_that_is_refused_is_repor
 
 
 @pytest.mark.slow
-def test_a_tick_begins_no_more_updates_than_it_has_time_for():
+def test_updates_per_tick_are_bounded_by_its_duration():
     clock = RealClock()
     result = run_live(
         clock=clock, source=Flood(clock), predictor=Slow(), planner=BackgroundPlanner, start_rad=NECK.rest_rad,
@@ -116,7 +116,7 @@ def test_a_tick_begins_no_more_updates_than_it_has_time_for():
     assert result.report.ticks > 20
 
 
-def test_a_person_whose_name_and_orientation_change_at_every_frame_is_one_person():
+def test_changing_names_and_orientations_remain_one_person():
     frames = itertools.count()
 
     def change(now_s, sighting):
@@ -137,7 +137,7 @@ def test_a_person_whose_name_and_orientation_change_at_every_frame_is_one_person
     assert len(set(ids)) == len(ids) > 60
 
 
-def test_among_several_people_who_enters_leaves_and_is_renamed_is_an_event():
+def test_entering_leaving_and_renamed_people_are_events():
     """Beside the walker: a second person from 1.0 to 2.5 s, and again from 4.0 s."""
 
     def change(now_s, sighting):

@@ -61,7 +61,7 @@ def test_the_gaze_follows_within_limits_and_ends_with_a_stop(neck, robot_class):
 
 
 @pytest.mark.slow
-def test_a_camera_keeps_a_walker_in_its_zone_rests_before_one_who_sways_and_stands_when_it_was_gone():
+def test_a_camera_frames_a_walker_rests_before_sway_and_stops_when_lost():
     framing = gz.Framing(view_deg=(60.0, 34.0), headroom=0.5, lead_room=0.0)  # the zone: 9.9 deg to each side
     seen_deg = []
     with (
@@ -90,7 +90,7 @@ def test_a_camera_keeps_a_walker_in_its_zone_rests_before_one_who_sways_and_stan
     assert np.ptp(pan_deg[since_s > 7.4]) < 1.0 < np.ptp(person_deg[since_s > 7.4])
 
 
-def test_settings_that_follow_from_the_camera():
+def test_framing_defaults_follow_from_the_camera():
     settings = parse(["--robot", "visca:emulator", "--source", "camera:emulator"])
     assert (settings.neck, settings.mount.on) == ("ptz", "head")
     assert (settings.loop.stale_after_s, settings.loop.lost_after_s) == (1.5, 2.0)
@@ -103,7 +103,7 @@ def test_settings_that_follow_from_the_camera():
 
 
 @pytest.mark.parametrize("command", ["live", "identify"])
-def test_a_password_in_the_address_of_a_stream_is_refused_and_shown_nowhere(command, capsys):
+def test_a_password_in_a_stream_address_is_refused_and_never_shown(command, capsys):
     run = {"live": main, "identify": identify}[command]
     words = ["--robot", "visca:h", "--neck", "ptz", "--source"]
     assert run([*words, "camera:rtsp://me:secret@192.0.2.1/x"]) == 2
@@ -113,7 +113,7 @@ def test_a_password_in_the_address_of_a_stream_is_refused_and_shown_nowhere(comm
     check_address("camera:rtsp://me:$CAMERA_PASSWORD@192.0.2.1/x")
 
 
-def test_a_probe_on_the_command_line(capsys):
+def test_the_probe_command_prints_a_neck_file(capsys):
     with camera() as (server, _):
         assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 0
         assert not server.driven

@@ -80,7 +80,7 @@ def arrived(captured_s, mount):
 POINT_M = [2.0, 0.1, 0.3]
 
 
-def test_a_sensor_that_moves_is_placed_by_the_joints_at_the_capture():
+def test_a_moving_sensor_is_placed_by_the_joints_at_capture():
     mount = Mount(on="head", position_m=(0.06, 0.02, 0.08), roll_pitch_yaw_deg=(2.0, -5.0, 3.0))
     (sighting,), _ = arrived(0.25, mount)
     expected_m = (sensor_in_base(mount, GEOMETRY, np.array([0.25, 0.0])) @ [*POINT_M, 1.0])[:3]
@@ -101,7 +101,7 @@ NAMED = {
 
 @pytest.mark.parametrize("axes", NAMED)
 @given(point=points, yaw_deg=st.floats(-170.0, 170.0))
-def test_other_axes_and_units_are_the_same_person(axes, point, yaw_deg):
+def test_other_axes_and_units_give_the_same_observation(axes, point, yaw_deg):
     """Position, covariance and where the face looks, written by hand in the other axes, in millimetres."""
     forward, left, up = NAMED[axes]
     written = 1e3 * (point[0] * forward + point[1] * left + point[2] * up)

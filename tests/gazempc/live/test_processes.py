@@ -29,7 +29,7 @@ def may():
 
 
 @pytest.mark.skipif(not may(), reason="real-time priorities are not allowed to this user (limit rtprio)")
-def test_the_thread_that_sends_commands_goes_first_and_all_is_as_before_afterwards():
+def test_the_command_thread_has_priority_and_all_priorities_are_restored():
     ended, found = threading.Event(), []
     other = threading.Thread(target=ended.wait)
     other.start()
@@ -49,7 +49,7 @@ def seen(time_s):
 
 
 @pytest.mark.slow
-def test_it_forecasts_and_raises_as_it_does_here_and_its_process_ends_with_it():
+def test_a_predictor_process_forecasts_raises_and_ends_as_its_parent():
     others = set(multiprocessing.active_children())
     here, there = ConstantVelocity(), IsolatedPredictor(Exits)
     (process,) = set(multiprocessing.active_children()) - others

@@ -33,7 +33,7 @@ def names(found):
     return [each.person_id for each in found]
 
 
-def test_each_person_in_tf_is_seen_with_their_id_and_what_cannot_be_used_is_a_problem(stage):
+def test_people_in_tf_are_observed_by_id_and_unusable_ones_are_problems(stage):
     source = opened(stage)
     stage.tf(
         transform("face_a1b2c", [1.0, 0.2, 0.1]),
@@ -51,7 +51,7 @@ def test_each_person_in_tf_is_seen_with_their_id_and_what_cannot_be_used_is_a_pr
     assert sorted(text.split(":")[0] for text in problems) == [f"/tf, face_{name}" for name in "abcd"]
 
 
-def test_a_camera_on_a_head_that_turns(stage):
+def test_a_face_is_transformed_from_a_turning_camera(stage):
     """From the face to the robot's base by moving and static frames, at the time of capture."""
     source = opened(stage, "base_link")
     stage.tf_static(
@@ -91,7 +91,7 @@ def test_a_person_has_one_name_whatever_face_they_have(stage):
     assert names(polled(source, 1)[0]) == ["f2"]
 
 
-def test_a_body_counts_where_there_is_no_face(stage):
+def test_a_body_is_used_without_a_face(stage):
     source = opened(stage)
     leaning = Rotation.from_euler("zy", [90.0, 30.0], degrees=True)
     hips_m = np.array([2.0, 0.0, -0.5])
@@ -116,7 +116,7 @@ def test_a_body_counts_where_there_is_no_face(stage):
     assert names(polled(source, 1)[0]) == ["b"]
 
 
-def test_a_missing_sender_is_noticed_once_and_again_when_the_sender_has_gone(stage):
+def test_a_missing_publisher_is_reported_once_per_absence(stage):
     source = opened(stage)
     assert source.poll().notices == ()
 
@@ -132,7 +132,7 @@ def test_a_missing_sender_is_noticed_once_and_again_when_the_sender_has_gone(sta
         stage.gone("/tf")
 
 
-def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
+def test_a_skeleton_is_observed_at_its_head_joint(stage):
     """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
     source = opened(stage)
     heard(source, stage, PERSONS, IDS, tracked("anna"))
@@ -154,7 +154,7 @@ NAME, PEOPLE = "2p_AA_FV_eng_1", {"eloek", "ghfbv"}
 READ = ("tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String")
 
 
-def test_faces_that_real_nodes_sent_are_where_the_recording_has_them(stage, bags_dir):
+def test_faces_of_real_nodes_equal_the_recording(stage, bags_dir):
     """The first 1.8 s of two people at 30 frames a second, once more on the wire."""
     with Reader(bags_dir / NAME) as bag:
         sent = [(c.topic, c.msgtype, 1e-9 * ns, raw) for c, ns, raw in bag.messages() if c.msgtype in READ]

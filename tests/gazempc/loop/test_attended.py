@@ -62,7 +62,7 @@ def stands(x_m, y_m=1.0, name=None, until_s=99.0):
     return lambda time_s: ([x_m, y_m + 1e-3 * np.sin(9.0 * time_s), 0.3], None, name) if time_s < until_s else None
 
 
-def test_a_frozen_person_is_not_used_and_is_left_while_the_others_go_on():
+def test_a_frozen_track_is_not_used_and_attention_switches():
     bench = Bench().show(3.4, walker(name="a", frozen_s=(1.5, 3.0)), stands(3.0, name="b"))
     assert bench.attended[0] == (1, "policy")
     assert "tracker_frozen" in bench.events
@@ -74,7 +74,7 @@ def test_a_frozen_person_is_not_used_and_is_left_while_the_others_go_on():
     assert "person_returned" in bench.events
 
 
-def test_who_was_frozen_is_forecast_from_where_they_go_on():
+def test_after_freezing_the_forecast_restarts_at_the_new_position():
     bench = Bench().show(2.8, walker(frozen_s=(1.4, 2.2)))
     assert bench.events.count("tracker_frozen") == 1
     times_s = np.array([bench.time_s + 0.3])
@@ -82,7 +82,7 @@ def test_who_was_frozen_is_forecast_from_where_they_go_on():
     np.testing.assert_allclose(forecast.means_base_m[0], [2.0, -1.0 + times_s[0], 0.3], atol=0.15)
 
 
-def test_the_orientation_of_each_person_is_judged_by_their_own():
+def test_orientation_jumps_are_judged_per_person():
     """Two who face each other's back are no jump; one who is turned round within a frame is."""
     quiet = Bench().show(1.0, walker(quat=lambda _: yaw_quat(0.0)), walker(3.0, quat=lambda _: yaw_quat(np.pi)))
     assert "orientation_jumped" not in quiet.events
@@ -91,7 +91,7 @@ def test_the_orientation_of_each_person_is_judged_by_their_own():
     assert bench.events.count("orientation_jumped") == 1
 
 
-def test_what_the_predictor_refuses_is_counted():
+def test_observations_refused_by_the_predictor_are_counted():
     class Refuses(ConstantVelocity):
         rejections_in_a_row = 1
 
@@ -100,7 +100,7 @@ def test_what_the_predictor_refuses_is_counted():
     assert bench.recorder.used == 0
 
 
-def test_after_the_loss_of_all_people_none_is_attended_until_one_is_there():
+def test_nobody_is_attended_while_all_people_are_lost():
     bench = Bench().show(0.8, stands(2.0, 1.0), stands(3.0, -1.0)).show(1.2)
     assert bench.events[-1] == "nobody_attended"
     assert bench.target.forecast(np.array([2.5]), bench.time_s, bench.recorder) is None
@@ -109,7 +109,7 @@ def test_after_the_loss_of_all_people_none_is_attended_until_one_is_there():
 
 
 @pytest.mark.parametrize("answer", [None, "a", [1.0, 2.0, 3.0], float("nan")])
-def test_a_policy_that_answers_nonsense_is_survived(answer):
+def test_an_invalid_policy_answer_is_an_event_and_the_run_continues(answer):
     class Nonsense:
         def reset(self):
             pass
@@ -135,7 +135,7 @@ def test_a_policy_may_exclude_all_people():
     assert "nobody_attended" in bench.events
 
 
-def test_a_late_frame_at_the_start_of_who_is_looked_at_is_used_and_the_newest_stays_the_newest():
+def test_a_late_first_frame_of_the_attended_person_is_used_without_ageing_the_newest():
     bench, person = Bench(), walker()
     bench.show(4 * FRAME_S, lambda time_s: None if bench.time_s == 2 * FRAME_S else person(time_s))
     assert bench.attended == [(1, "policy")]
@@ -155,7 +155,7 @@ def test_a_late_frame_at_the_start_of_who_is_looked_at_is_used_and_the_newest_st
 
 
 @pytest.mark.parametrize(("everyone", "y_m"), [(False, -0.5), (True, 0.0)])
-def test_the_target_is_one_person_or_the_middle_of_all(everyone, y_m):
+def test_the_target_is_one_person_or_the_center_of_all(everyone, y_m):
     bench = Bench(everyone=everyone)
     bench.show(1.0, walker(2.0, 0.0, -0.5), walker(2.01, 0.0, 0.5))
     forecast = bench.target.forecast(np.array([bench.time_s]), bench.time_s, bench.recorder)

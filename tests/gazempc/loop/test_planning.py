@@ -24,7 +24,7 @@ from gazempc.types import Sighting
 from predictors import ConstantVelocity, HeadObservation
 
 
-def test_the_background_planner_takes_one_request_at_a_time_and_answers_all():
+def test_the_background_planner_has_one_pending_request_and_answers_all():
     gate = threading.Semaphore(0)
 
     class Gated:
@@ -65,7 +65,7 @@ class SlowLater(ConstantVelocity):
         return super().forecast(times_s)
 
 
-def test_the_computing_time_of_a_plan_is_that_of_its_own_forecast():
+def test_the_computing_time_of_a_plan_includes_its_own_forecast():
     predictor, recorder, controller = SlowLater(), make_recorder(), Reactive(NECK)
     controller.forecast_times_s = lambda start_s, newest_s: start_s + 0.01 * np.arange(8)
     controller.plan = lambda situation: Reactive(NECK).plan(situation)
@@ -97,7 +97,7 @@ class Told(Mpc):
         return super().plan(situation)
 
 
-def test_committed_commands_are_those_that_are_sent():
+def test_committed_commands_equal_those_sent():
     """Also from the tick on at which a plan takes effect that still waits at the request."""
     controller = Told(NECK)
     log = LoopBench(controller=controller, settings=DELAYED).run(3.0)
@@ -128,7 +128,7 @@ class Slow(ImmediatePlanner):
 
 
 @pytest.mark.parametrize("late_ticks", [16, 24])
-def test_a_plan_from_before_a_silence_of_the_robot_never_takes_effect(late_ticks):
+def test_a_plan_requested_before_robot_silence_is_discarded(late_ticks):
     """The robot is silent for 50 ms. Plans requested before go on from commands that it may not have executed."""
     silent_s = (1.0, 1.05)
 

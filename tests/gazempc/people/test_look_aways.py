@@ -60,7 +60,7 @@ def test_durations_and_intervals_are_the_published_ones(mode):
     assert gaps_s.min() >= 0.8 - 1e-9
 
 
-def test_the_way_there_and_back_keeps_the_necks_limits():
+def test_both_shifts_of_a_look_away_keep_the_limits():
     for name in neck_names():
         neck = load_neck(name)
         shift = shift_of(neck, 0.26, 0.1)
@@ -84,7 +84,7 @@ def test_a_glance_is_at_its_target():
     assert away.why == "glance"
 
 
-def test_the_floor_is_held_until_the_utterance():
+def test_the_gaze_stays_averted_until_the_utterance():
     look_aways = LookAways(NECK)
     assert look_aways.speech_starts(10.0, 13.0)
     [away] = look_aways.planned(10.0)
@@ -93,7 +93,7 @@ def test_the_floor_is_held_until_the_utterance():
     assert look_aways.left_out == 1
 
 
-def test_what_the_neck_cannot_do_is_smaller_or_left_out():
+def test_infeasible_look_aways_are_reduced_or_omitted():
     slow = load_neck("slow")
     asked = Aversion(0.0, 1.0, 0.26, 0.0, "speaking")
     done = fitted(asked, slow)
@@ -102,7 +102,7 @@ def test_what_the_neck_cannot_do_is_smaller_or_left_out():
     assert not LookAways(slow).glance(0.0, np.array([0.0, 2.0, 0.0]), PERSON_M, 0.5)
 
 
-def test_requests_come_before_the_rhythm_without_clashes():
+def test_requests_have_priority_over_the_rhythm_without_overlap():
     look_aways = LookAways(NECK, "listening", 3)
     assert look_aways.think(0.0, 3.0, start_s=2.0)
     assert not look_aways.think(0.0, 1.0, start_s=4.0)
@@ -111,7 +111,7 @@ def test_requests_come_before_the_rhythm_without_clashes():
     assert all(b.start_s - a.end_s >= 0.8 - 1e-9 for a, b in pairwise(aways))
 
 
-def test_another_rhythm_from_now_on():
+def test_a_new_rhythm_applies_to_later_look_aways():
     look_aways = LookAways(NECK, "listening")
     run_for(look_aways, 20.0)
     look_aways.set_mode("speaking", 20.0)
@@ -122,7 +122,7 @@ def test_another_rhythm_from_now_on():
 
 
 @pytest.mark.slow
-def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time():
+def test_the_gaze_leaves_and_returns_one_dead_time_late():
     scene = standing_together(16.0, [2.5, 0.0, 0.3])
     settings = ReplaySettings(look_away=LookAwaySettings(rhythm="listening"))
     log = replay_scene(scene, "mpc", "constant_velocity", settings).log
@@ -137,7 +137,7 @@ def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time():
 
 
 @pytest.mark.parametrize(("rhythm", "speed_max_rad_s"), [("listening", 0.1), ("told", None)])
-def test_an_impossible_look_away_is_left_out_with_an_event(rhythm, speed_max_rad_s):
+def test_an_infeasible_look_away_is_omitted_with_an_event(rhythm, speed_max_rad_s):
     """A neck that is too slow for even a small look away, and an utterance that is told of too late."""
     scene = standing_together(1.6, [2.5, 0.0, 0.3])
     loop = LoopSettings(speed_max_rad_s=speed_max_rad_s)

@@ -56,7 +56,7 @@ def test_head_offset_points_right_and_up(logs):
 
 
 @pytest.mark.parametrize(("draw", "count", "size"), [(angles, 4, (960, 900)), (overview, 1, (1600, 900))])
-def test_figure_is_a_picture_that_is_not_blank(logs, draw, count, size, tmp_path):
+def test_the_figure_is_not_blank(logs, draw, count, size, tmp_path):
     draw(dict(list(logs.items())[-count:]), tmp_path / "figure.png")
     pixels = _pixels(tmp_path / "figure.png")
     assert pixels.shape[1] >= size[0]
@@ -66,7 +66,7 @@ def test_figure_is_a_picture_that_is_not_blank(logs, draw, count, size, tmp_path
 
 
 @pytest.mark.slow
-def test_animation_runs_in_real_time(logs, tmp_path):
+def test_the_animation_has_the_duration_of_the_run(logs, tmp_path):
     path = tmp_path / "gaze.gif"
     animate(dict(list(logs.items())[:2]), path)
     times_s = frame_times(float(logs["reactive"].time_s[-1]))
@@ -89,7 +89,7 @@ def _known_at(logs, every):
     return {"mpc": replace(log, head_true_base_m=np.where(known[:, None], log.head_true_base_m, np.nan))}
 
 
-def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs):
+def test_a_sparse_true_head_is_drawn_as_points_with_a_note(logs):
     rare = _known_at(logs, 12)
     head = shown_head(rare["mpc"])
     assert head.rare
@@ -110,7 +110,7 @@ def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs):
     assert np.isfinite(error_deg).sum() == head.known.sum()
 
 
-def test_an_unknown_head_is_drawn_as_observed_with_a_note(logs, tmp_path):
+def test_an_unknown_true_head_is_drawn_as_observed_with_a_note(logs, tmp_path):
     log = logs["mpc"]
     live = {"mpc": replace(log, run=log.run.model_copy(update={"kind": "live"}))}
     unknown = _known_at(live, 0)
@@ -153,7 +153,7 @@ def attention():
     return replace(made, head_true_base_m=heads_m)
 
 
-def test_the_time_lines_have_the_colours_of_the_people_and_the_share_is_the_metric(attention, tmp_path):
+def test_time_lines_have_person_colours_and_the_share_of_the_metric(attention, tmp_path):
     attended({"reactive": attention, "mpc": attention}, tmp_path / "attended.png")
     with Image.open(tmp_path / "attended.png") as image:
         hues = {colors.to_hex(np.array(pixel[:3]) / 255) for _, pixel in image.convert("RGB").getcolors(1 << 20)}

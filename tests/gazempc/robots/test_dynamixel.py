@@ -124,7 +124,7 @@ def test_round_trip_within_a_tick_inside_the_limits(tmp_path_factory, command, z
     assert np.all(sent <= NECK.position_max_rad)
 
 
-def test_signs_and_units_by_hand(tmp_path):
+def test_signs_and_units_equal_values_by_hand(tmp_path):
     with rig_in(tmp_path, zero_ticks=(1024, 2048), directions=(-1, 1)) as rig:
         for motor, position, velocity in zip(rig.motors.values(), (1536, 2304), (100, -50), strict=True):
             motor.set("position", position)
@@ -143,7 +143,7 @@ def test_signs_and_units_by_hand(tmp_path):
         (4, (1500 + 4096, 2500 - 8192), (1500 + 4096, 2500 - 8192)),
     ],
 )
-def test_nothing_jumps_when_torque_is_switched_on(tmp_path, mode, start, holds_at):
+def test_enabling_torque_causes_no_jump(tmp_path, mode, start, holds_at):
     with rig_in(tmp_path, start=start, mode=mode) as rig:
         assert [motor.history for motor in rig.motors.values()] == [[("torque on", 0)]] * 2
         assert tuple(rig.goals()) == holds_at
@@ -166,7 +166,7 @@ def test_the_first_command_is_approached_slowly(tmp_path):
         np.testing.assert_allclose(rig.neck.send_command(np.array([-0.3, 0.3])), [-0.3, 0.3], atol=TICK_RAD)
 
 
-def test_a_neck_that_holds_goes_on_holding(rig):
+def test_a_holding_neck_keeps_its_goal(rig):
     rig.neck.send_command(np.array([0.3, 0.2]))
     goals = rig.goals()
     rig.neck.close()
@@ -194,7 +194,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_an_error_never_an_angle_and_the_next_call_works(tmp_path, fault):
+def test_a_bus_fault_raises_and_the_next_call_succeeds(tmp_path, fault):
     with rig_in(tmp_path, start=(2100, 2000), reply_timeout_ms=HASTY_MS) as rig:
         rig.bus.fault = FAULTS[fault]
         with pytest.raises(RobotError):
@@ -211,7 +211,7 @@ def test_a_fault_is_an_error_never_an_angle_and_the_next_call_works(tmp_path, fa
         np.testing.assert_allclose(rig.neck.read_state().position_rad, position_rad)
 
 
-def test_noise_without_end_does_not_hold_the_caller(tmp_path):
+def test_endless_noise_does_not_block_the_caller(tmp_path):
     with rig_in(tmp_path, reply_timeout_ms=50.0) as rig:
         rig.bus.fault = silent
         quiet = threading.Event()
@@ -228,7 +228,7 @@ def test_noise_without_end_does_not_hold_the_caller(tmp_path):
         noise.join()
 
 
-def test_a_hardware_error_is_named_and_the_motor_is_not_restarted_by_itself(rig):
+def test_a_hardware_error_is_named_without_automatic_restart(rig):
     rig.motors[2].set("hardware_error", 0b100100)
     rig.motors[2].set("torque", 0)
     for _ in range(5):
@@ -244,7 +244,7 @@ def test_a_hardware_error_is_named_and_the_motor_is_not_restarted_by_itself(rig)
     np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
 
 
-def test_power_that_goes_and_comes_back(tmp_path):
+def test_recovery_after_a_power_loss(tmp_path):
     with rig_in(tmp_path, reply_timeout_ms=HASTY_MS) as rig:
         for motor in rig.motors.values():
             motor.answers = False
@@ -264,7 +264,7 @@ def test_power_that_goes_and_comes_back(tmp_path):
         assert rig.values("profile_velocity") == [0, 0]
 
 
-def test_a_port_that_goes_and_comes_back(rig):
+def test_recovery_after_a_port_loss(rig):
     rig.neck.send_command(np.array([0.2, 0.1]))
     goals = rig.goals()
     rig.bus.unplug()
@@ -278,7 +278,7 @@ def test_a_port_that_goes_and_comes_back(rig):
     np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
 
 
-def test_connect_names_the_fault(tmp_path):
+def test_connect_reports_the_fault(tmp_path):
     with rig_in(tmp_path, connected=False, reply_timeout_ms=HASTY_MS) as rig:
         line = f"{rig.bus.link} at 1000000 baud"
         cases = [
@@ -307,7 +307,7 @@ def test_connect_names_the_fault(tmp_path):
         rig.another().connect()
 
 
-def test_settings_that_cannot_be_right_are_refused():
+def test_invalid_settings_are_refused():
     ids = [("motor_ids", wrong) for wrong in ((1, 2, 3, 4, 5), (1, 1), (1, 254))]
     for option, wrong in [*ids, ("directions", (1, 0)), ("zero_ticks", (0, 131073))]:
         with pytest.raises((SettingsError, ValidationError), match=option):
@@ -315,7 +315,7 @@ def test_settings_that_cannot_be_right_are_refused():
 
 
 @pytest.mark.parametrize("torque_off", [False, True])
-def test_close_leaves_the_motors_as_told_and_releases_the_port(tmp_path, torque_off):
+def test_close_sets_torque_as_configured_and_releases_the_port(tmp_path, torque_off):
     with rig_in(tmp_path, torque_off_on_close=torque_off) as rig:
         open_before = len(list(Path("/dev/fd").iterdir()))
         rig.neck.send_command(np.array([0.1, 0.1]))

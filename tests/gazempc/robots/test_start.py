@@ -8,7 +8,7 @@ from gazempc.errors import RobotError
 from gazempc.robots.robot import way_in_rad
 
 
-def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly():
+def test_a_neck_outside_the_command_range_approaches_it_slowly():
     """An underdamped servo leaves commands less room than joints: clipped at once, the first one would be a jump."""
     neck = NECK.with_axes({"pan": NECK.pan.model_copy(update={"damping_ratio": 0.4})})
     start_rad = np.radians([-79.9, 40.0])

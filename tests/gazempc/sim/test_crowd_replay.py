@@ -26,14 +26,14 @@ def replayed(attend, controller="mpc", recording=TWO, predictor="constant_veloci
     return replay_scene(scene, controller, predictor, ReplaySettings(attend=attend, **settings)).log
 
 
-def test_several_people_need_to_be_told_whom_to_look_at():
+def test_several_people_require_an_attention_policy():
     with pytest.raises(SettingsError, match="choose one by --attend, such as --attend nearest"):
         replayed(None)
     with pytest.raises(SettingsError, match="several people: choose one by --attend, such as --attend nearest"):
         make_scene(TWO, SceneSettings())
 
 
-def test_the_gaze_is_on_the_attended_person():
+def test_the_gaze_tracks_the_attended_person():
     log = replayed("nearest", predictor="walker")
     assert set(log.attended_person.tolist()) == {1, 2}
     assert limit_violations(log, log.neck) == 0
@@ -46,7 +46,7 @@ def test_the_gaze_is_on_the_attended_person():
     assert np.percentile(off_deg, 95) < 2.6
 
 
-def test_one_person_among_several_is_looked_at_as_if_they_were_alone():
+def test_one_person_of_several_is_tracked_as_well_as_alone():
     """The same recording, sensor and noise; only the first frames differ, before the track is confirmed."""
     scene = make_scene("subject03_R4", SceneSettings(), NECK)
     alone = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings()).log
@@ -85,7 +85,7 @@ def test_observations_assigned_to_another_person_are_swaps(monkeypatch, exchange
     assert np.unique(log.identity_swap_time_s).size <= 1
 
 
-def test_a_sensor_on_the_head_sees_whom_it_is_turned_to():
+def test_a_head_mounted_sensor_observes_people_in_its_view_only():
     """The robot begins with Ann. Bob is nearer, but 70 deg beside her, which a view of 60 deg never shows."""
     ann = standing_together(2.0, [2.2, 1.3, 0.3], [1.4, -1.2, 0.3])
     view = FieldOfView(on="head", horizontal_deg=60.0, vertical_deg=60.0)
@@ -128,7 +128,7 @@ class SecondLater:
 
 
 @pytest.mark.parametrize("controller", ["mpc", "lookahead"])
-def test_a_switch_is_near_time_optimal_with_less_than_a_degree_of_overshoot(controller):
+def test_a_switch_is_near_time_optimal_with_overshoot_below_1_deg(controller):
     settings = ReplaySettings(attend=f"{__name__}:SecondLater", attention=CALM)
     log = replay_scene(standing_together(3.6, *PLACES_M), controller, "walker", settings).log
     assert log.attended_person.tolist() == [1, 2]

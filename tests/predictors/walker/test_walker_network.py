@@ -54,7 +54,7 @@ def parts_of(outputs, motion):
 
 @pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
 @pytest.mark.parametrize(("evidence", "precise"), [(None, 0.0), (0.7, 0.0), (0.7, 0.25), (0.7, 1.0)])
-def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known, evidence, precise):
+def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(known, evidence, precise):
     """Of the networks for tracks with an orientation, for precise trackers, for tracks without, or a mixture."""
     model, (x, spread, motion) = random_model(), rows(5)
     x[:, KNOWN], precision = known, np.full(5, precise)
@@ -107,7 +107,7 @@ def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
     np.testing.assert_allclose(model.spread_m(unsure)[..., :3], factor * 5.0)
 
 
-def test_departures_and_spread_at_the_knots_between_and_beyond():
+def test_departures_and_spread_at_between_and_beyond_the_knots():
     rng = np.random.default_rng(0)
     departure, spread = rng.standard_normal((8, 3)), np.sort(rng.uniform(0.01, 0.5, (8, 3)), axis=0)
     at, sd = BetweenKnots(departure, spread)(KNOTS_S)
@@ -137,7 +137,7 @@ GOOD = random_model()
         ({"degrees_of_freedom": math.nan}, "expected more than 2"),
     ],
 )
-def test_wrong_numbers_are_refused(change, said):
+def test_invalid_model_values_are_refused(change, said):
     with pytest.raises(WalkerModelError, match=said):
         dataclasses.replace(GOOD, **change)
 
@@ -151,7 +151,7 @@ def test_wrong_numbers_are_refused(change, said):
         ({"biases": (GOOD.seeing.biases[0] * np.inf, *GOOD.seeing.biases[1:])}, "not finite"),
     ],
 )
-def test_wrong_layers_are_refused(change, said):
+def test_invalid_layers_are_refused(change, said):
     with pytest.raises(WalkerModelError, match=said):
         dataclasses.replace(GOOD.seeing, **change)
 
@@ -159,13 +159,13 @@ def test_wrong_layers_are_refused(change, said):
 # ---------------------------------------------------------------- files
 
 
-def test_a_saved_model_is_the_same(tmp_path):
+def test_a_model_survives_a_round_trip(tmp_path):
     model = random_model(degrees_of_freedom=3.5)
     save_walker_model(model, tmp_path / "m.npz")
     np.testing.assert_equal(dataclasses.asdict(load_walker_model(tmp_path / "m.npz")), dataclasses.asdict(model))
 
 
-def test_the_shipped_numbers_say_where_they_are_from():
+def test_the_shipped_model_states_its_provenance():
     model = load_walker_model()
     about = model.about
     assert len(about["people"]) == 19  # four of them are trials of people who stand
@@ -175,7 +175,7 @@ def test_the_shipped_numbers_say_where_they_are_from():
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "hidden", "precise_weights_0"])
-def test_a_wrong_file_is_named(tmp_path, content):
+def test_an_invalid_model_file_is_named(tmp_path, content):
     path = tmp_path / "walker.npz"
     if content is None:
         np.savez(path, something=np.zeros(3))
@@ -191,7 +191,7 @@ def test_a_wrong_file_is_named(tmp_path, content):
         make_predictor("walker", ReplaySettings(walker=WalkerSettings(fitted=path)), Person(), {})
 
 
-def test_a_folder_gives_the_model_that_has_not_seen_the_person(tmp_path):
+def test_a_folder_gives_the_model_fitted_without_the_person(tmp_path):
     (tmp_path / "left_out").mkdir()
     for name in ("walker.npz", "left_out/ann.npz"):
         save_walker_model(random_model(), tmp_path / name)

@@ -30,7 +30,7 @@ def measured(times_s, positions_m):
 
 @pytest.mark.parametrize("rate_hz", [15.0, 60.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_size_and_direction_of_a_white_error_are_measured(rate_hz, jitter):
+def test_size_and_direction_of_white_noise_are_estimated(rate_hz, jitter):
     """Frames come regularly or not; the walk's own motion is not taken for noise."""
     rng = np.random.default_rng(3)
     times_s = (np.arange(600) + jitter * rng.uniform(-0.5, 0.5, 600)) / rate_hz
@@ -42,7 +42,7 @@ def test_size_and_direction_of_a_white_error_are_measured(rate_hz, jitter):
     np.testing.assert_allclose(np.sqrt(sds), np.sqrt(true_sds), rtol=0.15, atol=0.0015)
 
 
-def test_without_noise_the_floor_is_left_and_a_spike_does_not_blow_it_up():
+def test_without_noise_the_estimate_is_the_floor_and_robust_to_a_spike():
     times_s = np.arange(300) * FRAME_S
     np.testing.assert_allclose(np.sqrt(measured(times_s, walk_m(times_s)).diagonal()), 0.002, atol=0.001)
     shaken = walk_m(times_s)
@@ -64,7 +64,7 @@ def test_the_share_of_the_prior_is_stated():
 
 
 @pytest.mark.parametrize("size_m", [0.0, 0.002, 0.02])
-def test_the_wander_is_measured_without_its_prior_from_the_first_difference_on(size_m):
+def test_wander_is_estimated_without_prior_from_the_first_difference_on(size_m):
     """A square wave that changes sign every four frames, along one of two axes."""
     colour = MeasuredColour()
     track = np.outer(size_m * (-1.0) ** (np.arange(20) // 4), [1.0, 0.0, 0.0, 0.0, 0.0])
@@ -89,7 +89,7 @@ def mean_colour(error_of, n=20):
     return np.mean(found, axis=0)
 
 
-def test_colour_tells_white_error_from_wander():
+def test_noise_colour_separates_white_noise_from_wander():
     """White error is as large at all lags. Wander grows with the lag as its correlation says."""
     times_s = np.arange(150) * FRAME_S
     still = np.zeros((150, 5))
@@ -120,7 +120,7 @@ def errors_of(times_s, positions_m, velocity_m_s, heading_rad=0.0, stated_m2=(0.
     return np.array(found)
 
 
-def test_an_error_is_known_at_its_horizon_and_on_its_axis():
+def test_forecast_errors_are_estimated_per_horizon_and_axis():
     """A line that always runs 0.2 m/s too far along: off by 40 mm after 0.2 s and by 100 mm after 0.5 s."""
     times_s = np.arange(300) * FRAME_S
     found = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])).reshape(2, 3)
@@ -137,7 +137,7 @@ def test_an_error_is_known_at_its_horizon_and_on_its_axis():
 
 
 @pytest.mark.parametrize("sd_m", [0.0, 0.3])
-def test_what_is_stated_is_taken_off_the_colours_of_positions(sd_m):
+def test_stated_noise_is_subtracted_from_position_colours(sd_m):
     """White error of the stated size looks like that of unit and statement together; yaws stay as they are."""
     colours = np.linspace(-1.0, 2.0, N_COLOURS)
     found = without_stated(colours, np.array([2.0 * sd_m**2, 0.0, 4.0 * sd_m**2]))
@@ -172,7 +172,7 @@ def range_measured(times_s, positions_m):
 
 @pytest.mark.parametrize("rate_hz", [10.0, 60.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_white_error_of_the_range_is_measured(rate_hz, jitter):
+def test_white_range_error_is_estimated(rate_hz, jitter):
     rng, n = np.random.default_rng(0), 400
     times_s = (np.arange(n) + jitter * rng.uniform(-0.5, 0.5, n)) / rate_hz
     standing_m = np.tile([2.0, 1.5, 0.0], (n, 1))
@@ -182,14 +182,14 @@ def test_white_error_of_the_range_is_measured(rate_hz, jitter):
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])
-def test_usual_trackers_have_no_error_of_the_range(noise_m):
+def test_ordinary_trackers_have_no_range_error(noise_m):
     """Gait is not taken for one, and nor is white error in all directions."""
     rng, times_s = np.random.default_rng(1), np.arange(300) * STEP_S
     _, variances_m2 = range_measured(times_s, passing_m(times_s) + noise_m * rng.standard_normal((300, 3)))
     assert np.sqrt(variances_m2.max()) < 0.03
 
 
-def test_a_drift_counts_more_than_its_steps():
+def test_range_drift_exceeds_its_frame_differences():
     """Its steps from frame to frame are 0.03 m; in a fifth of a second it goes twice as far."""
     rng, times_s = np.random.default_rng(3), np.arange(300) * STEP_S
     drift = wander(rng, times_s, 0.1, 4.0)
@@ -207,7 +207,7 @@ def test_the_covariance_lies_along_the_line_of_sight():
 
 
 @pytest.mark.parametrize("every_s", [2 * STEP_S, 1.8])
-def test_another_person_now_and_then_is_no_error_of_the_range(every_s):
+def test_intermittent_other_people_give_no_range_error(every_s):
     """Also where the two take turns in each frame. The other one is 1 m to the left."""
     rng, times_s = np.random.default_rng(8), np.arange(300) * STEP_S
     seen_m = passing_m(times_s) + 0.01 * rng.standard_normal((300, 3))
@@ -217,7 +217,7 @@ def test_another_person_now_and_then_is_no_error_of_the_range(every_s):
     assert np.sqrt(variances_m2.max()) < 0.05
 
 
-def test_the_direction_is_forecast_through_ranges_that_are_wrong_in_each_frame():
+def test_range_noise_does_not_bias_the_forecast_direction():
     """If the error were taken for one in all directions, this would be 1.4 to 3.4 deg."""
     rng, times_s = np.random.default_rng(6), np.arange(90) * STEP_S
     true_m = passing_m(times_s)

@@ -45,7 +45,7 @@ def shown(observations, *predictors):
     mirror=st.booleans(),
     sensor=st.sampled_from(["reference", "face_camera", "street", "body_tracker"]),
 )
-def test_the_forecast_is_invariant_to_place_and_direction(angle_rad, shift_m, mirror, sensor):
+def test_the_forecast_is_equivariant_to_position_heading_and_reflection(angle_rad, shift_m, mirror, sensor):
     """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on.
 
     With a tracker that wanders by more than 30 mm the line of sight counts, so a shift changes something.
@@ -63,7 +63,7 @@ def test_the_forecast_is_invariant_to_place_and_direction(angle_rad, shift_m, mi
 
 
 @pytest.mark.parametrize(("speed_m_s", "frames"), [(4.0, 60), (0.0, 1), (1.2, 1)])
-def test_who_runs_and_whose_direction_is_not_known_is_forecast_by_the_filter(speed_m_s, frames):
+def test_running_and_unknown_headings_use_the_filter_forecast(speed_m_s, frames):
     walker, cv = Walker(random_model()), ConstantVelocity()
     end_s = shown(walking_at(speed_m_s, frames), walker, cv)
     ours, plain = walker.forecast(end_s + AHEAD_S), cv.forecast(end_s + AHEAD_S)
@@ -72,7 +72,7 @@ def test_who_runs_and_whose_direction_is_not_known_is_forecast_by_the_filter(spe
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 2.0])
-def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
+def test_zero_departures_give_the_filter_line(speed_m_s):
     """With networks that say nothing; standing people included."""
     walker, cv = Walker(straight_model(0.1, 4.0)), ConstantVelocity()
     end_s = shown(walking_at(speed_m_s, noise_m=0.01), walker, cv)
@@ -86,7 +86,7 @@ def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
 
 @pytest.mark.parametrize("heading_rad", [1.1, 3.0])
 @pytest.mark.parametrize("v", [4.0, np.inf])
-def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
+def test_observation_noise_keeps_its_principal_axes(heading_rad, v):
     """A share of it is added to the scale in the line's frame, in any direction of walk; beyond 1.5 s both grow."""
     noise_m2 = random_covariance(np.random.default_rng(1), [0.3, 0.02, 0.01])
     model = straight_model(0.1, v, 0.8)
@@ -135,7 +135,7 @@ def test_blend_is_the_mixture_of_both_forecasts():
     np.testing.assert_allclose(mixed.covariances_m2[0], second - np.outer(mean, mean), atol=1e-9)
 
 
-def test_a_track_that_starts_elsewhere_begins_anew():
+def test_a_track_restarted_elsewhere_has_no_memory():
     """With all that was seen there, as if nothing had been before; what was learned of the person is gone, too."""
     walker, fresh = Walker(random_model()), Walker(random_model())
     for k in range(60):
@@ -164,7 +164,7 @@ def test_a_track_that_starts_elsewhere_begins_anew():
 STATE = np.array([0.0, 0.0, 0.4, 1.2, 0.0, 0.0])
 
 
-def test_positions_are_relative_to_the_line_in_its_own_frame():
+def test_position_inputs_are_in_the_frame_of_the_line():
     """A walk to the left whose head is 4 cm off to its own left, ten frames ago: one unit across."""
     history = WalkerHistory()
     velocity = np.array([0.0, 1.2, 0.0])
@@ -180,7 +180,7 @@ def test_positions_are_relative_to_the_line_in_its_own_frame():
     np.testing.assert_allclose(positions, expected, atol=0.01)
 
 
-def test_yaws_are_relative_to_the_line_and_zero_for_who_stands():
+def test_yaw_inputs_are_relative_to_the_line_and_zero_at_rest():
     def yaws(speed):
         history = WalkerHistory()
         for k in range(40):
@@ -204,7 +204,7 @@ def test_yaws_are_relative_to_the_line_and_zero_for_who_stands():
         ((0.8, -0.9), 10, (0.4, -0.45)),
     ],
 )
-def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, frames, mounting):
+def test_size_and_duration_decide_whether_an_offset_is_a_mounting(offset_rad, frames, mounting):
     """Both yaws steady beside a straight walk: what is left of the offset is in the inputs, and is learned as such."""
     history = WalkerHistory()
     for k in range(frames):
@@ -231,7 +231,7 @@ def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, fr
         (30, 0.002, 0.0, False, 0.02, 0.0),
     ],
 )
-def test_precision_is_free_of_the_prior(frames, white_m, prior_m, stated, wander_m, weight):
+def test_precision_is_independent_of_the_prior(frames, white_m, prior_m, stated, wander_m, weight):
     """A straight walk, with a sway that changes sides every four frames."""
     history, covariance_m2 = WalkerHistory(), white_m**2 * np.eye(3)
     for k in range(frames):
@@ -242,7 +242,7 @@ def test_precision_is_free_of_the_prior(frames, white_m, prior_m, stated, wander
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 0.7, np.pi / 2])
-def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
+def test_noise_inputs_are_along_across_and_up_without_saturation(heading_rad):
     """20 mm along, 10 across and 5 up, wherever the walk leads; so large noise is told in full, unlike the inputs'."""
     turn = Rotation.from_euler("z", heading_rad).as_matrix()
     for sds in (np.array([0.02, 0.01, 0.005]), np.array([30.0, 0.01, 1e-5])):

@@ -57,7 +57,7 @@ def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor,
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("activity", "sensor"), [("stand", "body_tracker"), ("turn_on_spot", "reference")])
-def test_people_on_the_spot_are_forecast_as_well_as_by_their_last_position(activity, sensor):
+def test_standing_people_are_forecast_as_well_as_by_last_position(activity, sensor):
     recordings = [load(f"subject{k:02d}_{activity}") for k in range(1, 15, 7)]
     ours, last = (mean_errors(recordings, make, sensor, AHEAD_S[:2]) for make in (Walker, LastPosition))
     np.testing.assert_array_less(ours / last, 1.1 if activity == "turn_on_spot" else 1.02)
@@ -83,7 +83,7 @@ def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, lar
     assert revisions_m(load(f"subject07_{activity}")).max() < largest_m
 
 
-def test_a_higher_threshold_answers_a_start_later():
+def test_a_higher_threshold_delays_the_response_to_a_start():
     """Logits are compared with the threshold of the model; at very high ones the person is never forecast to walk."""
     shipped = shipped_walker_model()
     observations = [s.observation for s in observe(load("subject03_start"), load_sensor("reference"), 0)]
@@ -102,7 +102,7 @@ def test_a_higher_threshold_answers_a_start_later():
 
 
 @pytest.mark.slow
-def test_the_stated_ellipsoids_hold_their_shares():
+def test_the_stated_ellipsoids_have_nominal_coverage():
     """68 and 95 % by the t distribution that is stated."""
     nees = np.concatenate([errors(load(name), Walker(), "face_camera")[1][:, 0] for name in SYNTHETIC[1::2]])
     v, shares = shipped_walker_model().degrees_of_freedom, np.array([0.68, 0.95])
@@ -110,7 +110,7 @@ def test_the_stated_ellipsoids_hold_their_shares():
     np.testing.assert_array_less(np.abs(held - shares), MISSED)
 
 
-def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face():
+def test_initial_range_errors_stay_on_the_line_of_sight():
     """A face above the camera, its range wrong by 5 %: in the first second, errors stay on the line of sight."""
     elevation_rad = np.radians(22.0)
     face_m = 1.5 * np.array([np.cos(elevation_rad), 0.0, np.sin(elevation_rad)])
@@ -126,7 +126,7 @@ def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face():
     assert np.degrees(max(off_rad)) < 1.6
 
 
-def test_a_mounting_at_a_right_angle_is_found_out():
+def test_a_mounting_at_90_deg_is_estimated():
     """Orientations by a sensor whose forward axis is not the person's: half a second later it hardly matters."""
     turn = Rotation.from_euler("z", 90.0, degrees=True)
 
@@ -170,7 +170,7 @@ def assert_sound(walker, now_s):
 
 @settings(max_examples=20)
 @given(steps_s=st.lists(steps, min_size=1, max_size=60), speed_m_s=st.floats(0.0, 5.0), seed=st.integers(0, 1000))
-def test_any_time_stamps(steps_s, speed_m_s, seed):
+def test_forecasts_are_finite_for_any_time_stamps(steps_s, speed_m_s, seed):
     """Bursts a nanosecond apart, gaps of hours, orientations that come and go."""
     rng, walker, time_s = np.random.default_rng(seed), Walker(random_model()), 0.0
     for step_s in steps_s:
@@ -190,7 +190,7 @@ def test_any_time_stamps(steps_s, speed_m_s, seed):
 )
 @example(sizes=[(2.0, -3.0, -3.0)] * 40, stated=[True] * 40, turns=True, seed=1)
 @example(sizes=[(2.5, 2.5, -3.0)] * 40, stated=[True] * 40, turns=True, seed=2)
-def test_any_covariance_in_any_direction(sizes, stated, turns, seed):
+def test_forecasts_are_valid_for_any_covariance(sizes, stated, turns, seed):
     """From a millimetre to a hundred metres, in a direction of its own each frame or in the same, now and then none."""
     rng, walker = np.random.default_rng(seed), Walker(random_model())
     for k, exponent in enumerate(sizes):
@@ -203,7 +203,7 @@ def test_any_covariance_in_any_direction(sizes, stated, turns, seed):
 
 @pytest.mark.parametrize("covariance", [None, np.diag([1e4, 1e-6, 1e-6])])
 @pytest.mark.parametrize("rate_hz", [2.5, 30.0])
-def test_who_stands_exactly_still_stays_there(covariance, rate_hz):
+def test_a_motionless_person_is_forecast_in_place(covariance, rate_hz):
     """A person without sway, or a tracker that repeats one position."""
     walker, at = Walker(random_model()), np.array([2.0, -1.0, 0.3])
     for k in range(100):
@@ -227,7 +227,7 @@ def test_a_jump_of_half_a_metre_is_refused():
     assert np.max(np.linalg.norm(shaken[62:, 3] - clean[62:, 3], axis=1)) < 0.06
 
 
-def test_a_gap_is_coasted_with_growing_doubt_and_overcome():
+def test_a_gap_is_coasted_with_growing_variance_until_recovery():
     """While nothing comes the track goes on; afterwards the forecast comes back to that without a gap."""
     observations, gap_s = seen_of("subject06_R1"), 1.0
     whole, _ = forecasts(observations)
@@ -249,7 +249,7 @@ def test_a_gap_is_coasted_with_growing_doubt_and_overcome():
     assert np.linalg.norm(np.array(found)[late:] - whole[-len(found) :][late:, 3], axis=1).max() < 0.1
 
 
-def test_orientation_fades_out_without_a_jump():
+def test_a_lost_orientation_fades_without_a_jump():
     """No orientation from one frame on: forecasts move away from those with it little by little."""
     observations = seen_of("subject03_R5", "perfect")[:110]
     turn = len(observations) // 2
@@ -262,7 +262,7 @@ def test_orientation_fades_out_without_a_jump():
     np.testing.assert_allclose(without[turn + 40 :], never[0][turn + 40 :, 3], atol=0.03)
 
 
-def test_an_orientation_that_comes_back_is_as_good_as_one_that_was_there():
+def test_a_regained_orientation_gives_the_forecast_without_loss():
     """Wherever the robot stands; what was held meanwhile must not look like a turn of the body."""
     observations = [moved(o, 2.0, np.zeros(3)) for o in seen_of("subject03_R6", "perfect")[:90]]
     gone = [blind(o) if 30 <= k < 60 else o for k, o in enumerate(observations)]
@@ -286,7 +286,7 @@ def direction_errors_deg(stated, range_share):
     return np.array(errors[30:])
 
 
-def test_a_range_that_is_wrong_by_a_fifth_leaves_the_bearing_good():
+def test_a_range_error_of_20_percent_keeps_the_bearing():
     """Its covariance is stated: long along the line of sight, so only the bearing counts."""
     stated, right = direction_errors_deg(True, -0.2), direction_errors_deg(True, 0.0)
     assert np.sqrt(np.mean(stated**2)) < 2.5
@@ -296,7 +296,7 @@ def test_a_range_that_is_wrong_by_a_fifth_leaves_the_bearing_good():
 
 
 @pytest.mark.parametrize(("wander_m", "least", "most"), [(0.0, 0.8, 0.95), (0.01, 0.99, 1.01), (0.02, 0.999, 1.001)])
-def test_precise_trackers_have_networks_of_their_own_and_those_that_wander_hardly(wander_m, least, most):
+def test_precise_trackers_select_their_networks_despite_wander(wander_m, least, most):
     """White error of at most 2 mm in all; the wander adds to the differences from frame to frame."""
     sensor = load_sensor("body_tracker" if wander_m else "perfect")
     if wander_m:

@@ -45,7 +45,7 @@ let n = 0; for (let k = 3; k < d.length; k += 4) n += d[k] > 0; return n;
 
 
 @pytest.mark.slow
-def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments):
+def test_the_page_shows_the_run_and_reconnects(log, moments):
     port, at = free_port(), next(each for each in reversed(moments) if isinstance(each, TickMoment))
     error_deg = np.rad2deg(gaze_error_rad(log.neck.geometry, at.joints.position_rad, at.head_true_base_m))
     orders = ViewOrders(log.run, view="web", port=port)
@@ -83,7 +83,7 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
         assert [each for each in driver.get_log("browser") if each["source"] != "network"] == []
 
 
-def test_only_this_computer_and_only_its_own_files_are_asked():
+def test_the_page_accepts_local_hosts_and_loads_its_own_files_only():
     port, host = free_port(), "127.1"
 
     def asked(path, named):
@@ -105,7 +105,7 @@ def test_only_this_computer_and_only_its_own_files_are_asked():
     assert b"https://" not in page
 
 
-def test_the_error_is_against_the_observed_head_while_it_is_new(moments, log):
+def test_the_error_is_against_the_observed_head_while_it_is_recent(moments, log):
     snapshots, states = Snapshots(log.run.model_copy(update={"kind": "live"})), []
     lost_from_s = moments[-1].time_s - 1.5
     for moment in moments:

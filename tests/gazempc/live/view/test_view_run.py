@@ -60,7 +60,7 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     assert np.isfinite(column(path, "/metrics", "late_ms")).all()
 
 
-def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(tmp_path):
+def test_a_hanging_viewer_delays_no_tick_and_gets_the_newest_data(tmp_path):
     with closing(Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))) as feed:
         feed.take(EventMoment(0.0, "event", ""))
         time.sleep(1.0)  # sent by now
@@ -76,7 +76,7 @@ def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(tmp_path
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_seconds(tmp_path):
+def test_a_killed_writer_is_a_problem_and_loses_at_most_2_s(tmp_path):
     words = {"sensor": "reference", "controller": "lookahead", "predictor": "constant_velocity"}
     log = cut(gz.replay("subject03_R4", **words), 0.0, 2.5)
     feed = Feed(ViewOrders(log.run, mcap_folder=tmp_path))
@@ -94,13 +94,13 @@ def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_s
     np.testing.assert_array_equal(found, log.time_s[: len(found)])
 
 
-def test_a_folder_that_cannot_be_written_ends_the_start(tmp_path):
+def test_an_unwritable_folder_is_refused_at_the_start(tmp_path):
     (tmp_path / "log_000.mcap").mkdir()
     with pytest.raises(SettingsError, match=r"log_000\.mcap: cannot be written"):
         Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))
 
 
-def test_view_alone_is_foxglove_at_its_port():
+def test_view_without_a_value_serves_foxglove_at_its_default_port():
     assert parse([*QUICK, "--view", "--no-figures"]).view_address == ("127.0.0.1", 8765)
     assert parse([*QUICK, "--view", "web", "--view-at", "0.0.0.0"]).view_address == ("0.0.0.0", 8080)
 
