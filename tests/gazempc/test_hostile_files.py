@@ -107,7 +107,7 @@ def test_texts_are_bounded_and_never_executed(name, text, said, tmp_path, monkey
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
-def test_a_database_with_views_or_triggers_is_refused(tmp_path):
+def test_a_database_with_a_view_as_table_is_refused(tmp_path):
     bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
     file = next(bag.glob("*.db3"))
     with closing(sqlite3.connect(file)) as database, database:

@@ -16,7 +16,7 @@ from gazempc.sim.simulated import SimulatedNeck
 KINDS = (PREDICTOR, CONTROLLER, ROBOT, SOURCE)
 
 
-def test_module_class_names_are_distinguished_from_shipped_names():
+def test_names_of_the_form_module_class_are_recognised():
     own = {"my_parts:Mine", "a.b.c:D.e"}
     assert {each for each in (*own, "mpc", "udp:5005", ":Mine", "my-parts:Mine", "") if is_own(each)} == own
 

@@ -99,7 +99,7 @@ def test_a_killed_worker_is_reported_and_other_results_are_kept(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_worker_with_other_code_or_input_gives_no_result():
+def test_a_worker_with_other_code_or_files_reports_a_failure():
     job = Tiny(2)
     assert "is not the one that asks" in carry_out(job, job.key(), "0")["failed"]
     assert "not find the same files" in carry_out(job, "0", program_hash())["failed"]

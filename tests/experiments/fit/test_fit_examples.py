@@ -99,7 +99,7 @@ def test_standing_gives_examples_and_running_gives_none():
     assert late.size == 0 or late.max() < 0.2
 
 
-def test_a_recording_without_usable_frames_is_named():
+def test_a_recording_without_examples_is_named():
     still = standing()
     nothing = examples_of_walk(still, seen(still, "perfect"), 1.0)  # not even sway, so no direction
     assert nothing.weight.size == 0

@@ -34,7 +34,7 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
 
-def test_unobservable_errors_have_lower_weight():
+def test_errors_are_weighted_by_the_inverse_covariance():
     """Against the inverse of the whole matrix."""
     rng = np.random.default_rng(0)
     off_m, usual_m2 = rng.standard_normal((20, 3, 3)), np.array([0.02, 0.08, 0.2]) ** 2

@@ -56,7 +56,7 @@ def test_the_command_writes_rows_tables_and_figure(tmp_path, capsys) -> None:
         assert f"| {row['rival']} | {100 * row['eye_contact_2p6']:.1f} [" in text
 
 
-def test_free_constants_minimise_the_error_on_walks_for_each_neck() -> None:
+def test_free_constants_maximise_eye_contact_on_walks_for_each_neck() -> None:
     runs = [
         run_of("autoptz", 0.2, "speed_scale=0.5"),
         run_of("autoptz", 0.9, "speed_scale=0.5", trial="step"),

@@ -177,7 +177,7 @@ def test_a_clock_offset_is_compensated(stamps_s, from_s, within_s, named):
     ],
     ids=["ppm", "0.04 s ahead", "0.3 s behind", "a pause", "single", "falls behind", "milliseconds", "whole seconds"],
 )
-def test_ambiguous_clock_offsets_are_not_corrected(change):
+def test_stamps_without_a_clear_clock_offset_are_not_corrected(change):
     stamps_s, arrivals_s = change(*stream())
     used_s, text = read(stamps_s, np.maximum.accumulate(arrivals_s))
     assert text == ""

@@ -90,7 +90,7 @@ def test_a_camera_frames_a_walker_rests_before_sway_and_stops_when_lost():
     assert np.ptp(pan_deg[since_s > 7.4]) < 1.0 < np.ptp(person_deg[since_s > 7.4])
 
 
-def test_framing_defaults_follow_from_the_camera():
+def test_a_camera_sets_neck_mount_and_timeouts():
     settings = parse(["--robot", "visca:emulator", "--source", "camera:emulator"])
     assert (settings.neck, settings.mount.on) == ("ptz", "head")
     assert (settings.loop.stale_after_s, settings.loop.lost_after_s) == (1.5, 2.0)
@@ -113,7 +113,7 @@ def test_a_password_in_a_stream_address_is_refused_and_never_shown(command, caps
     check_address("camera:rtsp://me:$CAMERA_PASSWORD@192.0.2.1/x")
 
 
-def test_the_probe_command_prints_a_neck_file(capsys):
+def test_the_probe_prints_power_position_and_top_speeds(capsys):
     with camera() as (server, _):
         assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 0
         assert not server.driven

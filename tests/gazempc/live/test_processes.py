@@ -49,7 +49,7 @@ def seen(time_s):
 
 
 @pytest.mark.slow
-def test_a_predictor_process_forecasts_raises_and_ends_as_its_parent():
+def test_a_predictor_process_forecasts_and_raises_as_in_process_and_ends_with_its_proxy():
     others = set(multiprocessing.active_children())
     here, there = ConstantVelocity(), IsolatedPredictor(Exits)
     (process,) = set(multiprocessing.active_children()) - others

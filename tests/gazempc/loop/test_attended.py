@@ -135,7 +135,7 @@ def test_a_policy_may_exclude_all_people():
     assert "nobody_attended" in bench.events
 
 
-def test_a_late_first_frame_of_the_attended_person_is_used_without_ageing_the_newest():
+def test_a_late_first_frame_of_the_attended_person_is_used_and_the_newest_time_kept():
     bench, person = Bench(), walker()
     bench.show(4 * FRAME_S, lambda time_s: None if bench.time_s == 2 * FRAME_S else person(time_s))
     assert bench.attended == [(1, "policy")]
@@ -155,7 +155,7 @@ def test_a_late_first_frame_of_the_attended_person_is_used_without_ageing_the_ne
 
 
 @pytest.mark.parametrize(("everyone", "y_m"), [(False, -0.5), (True, 0.0)])
-def test_the_target_is_one_person_or_the_center_of_all(everyone, y_m):
+def test_the_target_is_one_person_or_the_centre_of_all(everyone, y_m):
     bench = Bench(everyone=everyone)
     bench.show(1.0, walker(2.0, 0.0, -0.5), walker(2.01, 0.0, 0.5))
     forecast = bench.target.forecast(np.array([bench.time_s]), bench.time_s, bench.recorder)

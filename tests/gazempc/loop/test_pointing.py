@@ -35,7 +35,7 @@ def test_a_path_keeps_speed_and_duration_and_ends_at_the_point(at_m, speed_rad_s
 
 
 @pytest.mark.parametrize("ahead_m", [2.0, -2.0])
-def test_a_path_begins_at_the_gaze_ahead_or_behind(ahead_m):
+def test_a_path_to_a_point_ahead_or_behind_begins_at_the_gaze(ahead_m):
     forward, target_m = np.array([1.0, 0.0, 0.0]), np.array([ahead_m, 0.0, 0.0])
     seen = Place.reached(target_m, np.zeros(3), forward, 2.0, 1.0, np.inf).at(np.array([2.0, 3.0]))
     np.testing.assert_allclose(seen, [2.0 * forward, target_m], atol=1e-9)

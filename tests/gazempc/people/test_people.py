@@ -207,7 +207,7 @@ def test_association_is_one_to_one_and_track_numbers_are_unique(data):
 
 
 @pytest.mark.parametrize(("rate_hz", "there"), [(30.0, 1), (2.5, 1), (0.9, 0)])
-def test_a_low_frame_rate_confirms_tracks(rate_hz, there):
+def test_tracks_are_confirmed_above_a_minimum_frame_rate(rate_hz, there):
     people = People(ConstantVelocity)
     for k in range(4):
         people.see([HeadObservation(k / rate_hz, np.array([2.0, 0.0, 0.3]))])
@@ -229,7 +229,7 @@ def at(pan_deg, tilt_deg, range_m):
         ([(170.0, 0.0, 2.0), (-170.0, 0.0, 2.0)], 180.0, 0.0),
     ],
 )
-def test_the_center_of_the_bounding_box(people, pan_deg, tilt_deg):
+def test_the_centre_of_the_bounding_box(people, pan_deg, tilt_deg):
     x, y, z = middle_of([at(*each) for each in people]).means_base_m[0]
     off = np.degrees(np.arctan2(y, x)) - pan_deg
     assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-9)

@@ -176,7 +176,7 @@ def test_other_late_and_repeated_frames_are_refused_without_effect(come, late):
     assert_same(predictor.forecast(LATER_S), before)
 
 
-def test_the_loop_uses_late_first_frames_without_ageing_the_newest():
+def test_the_loop_uses_late_first_frames_and_keeps_the_newest_time():
     bench, first_s = LoopBench(), (0.0, 1 / 30, 2 / 30)
     late = [Sighting(0.2 - 0.1 * t, HeadObservation(t, bench.head_m(t))) for t in first_s]
     log = bench.run(1.0, seen=lambda t: t not in first_s, extra=tuple(late))

@@ -65,7 +65,7 @@ def test_ambiguous_rigid_bodies_require_an_option(tmp_path):
         load(path, ReadOptions(person="Bib"))
 
 
-def test_half_of_the_rows_with_hidden_markers_are_refused(tmp_path):
+def test_hidden_markers_in_half_of_the_rows_are_refused(tmp_path):
     with pytest.raises(RecordingError, match=r"25 of 45 rows.*at least 50%"):
         load(exports.motive(tmp_path / "b.csv", blank=range(25)))
 

@@ -189,7 +189,7 @@ def test_ordinary_trackers_have_no_range_error(noise_m):
     assert np.sqrt(variances_m2.max()) < 0.03
 
 
-def test_range_drift_exceeds_its_frame_differences():
+def test_range_drift_is_estimated_above_its_frame_differences():
     """Its steps from frame to frame are 0.03 m; in a fifth of a second it goes twice as far."""
     rng, times_s = np.random.default_rng(3), np.arange(300) * STEP_S
     drift = wander(rng, times_s, 0.1, 4.0)

@@ -296,7 +296,7 @@ def test_a_range_error_of_20_percent_keeps_the_bearing():
 
 
 @pytest.mark.parametrize(("wander_m", "least", "most"), [(0.0, 0.8, 0.95), (0.01, 0.99, 1.01), (0.02, 0.999, 1.001)])
-def test_precise_trackers_select_their_networks_despite_wander(wander_m, least, most):
+def test_networks_for_precise_trackers_are_not_used_under_wander(wander_m, least, most):
     """White error of at most 2 mm in all; the wander adds to the differences from frame to frame."""
     sensor = load_sensor("body_tracker" if wander_m else "perfect")
     if wander_m:

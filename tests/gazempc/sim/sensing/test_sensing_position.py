@@ -216,5 +216,5 @@ def test_an_invalid_field_is_reported_with_the_accepted_values(tmp_path, text, m
         ({"pelvis_yaw": {"flipped_share": 0.1}}, True),
     ],
 )
-def test_errors_that_depend_on_the_robot_position(fields, depends):
+def test_dependence_on_the_robot_position_is_detected(fields, depends):
     assert sensor(**fields).depends_on_place is depends

@@ -107,7 +107,7 @@ def observed(on, width_deg, start_offset_deg=0.0):
     return log.capture_time_s
 
 
-def test_the_gaze_target_is_at_the_center_of_a_head_mounted_view():
+def test_the_gaze_target_is_at_the_centre_of_a_head_mounted_view():
     target_m = np.array([1.5, -0.8, 0.6])
     angles_rad = look_at_rad(GEOMETRY, target_m)
     distance_m = np.linalg.norm(target_m - gaze_ray(GEOMETRY, angles_rad)[0])
