@@ -1,4 +1,4 @@
-"""The table of faults, in its short form: every command within limits, and what was not used is named."""
+"""The short table of faults: every command is within limits, and unused input is named."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Lines of code are those that hold something else than comments and docstrings."""
+"""Lines of code exclude comments, docstrings and blank lines."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""People who are seen walking, for predictors."""
+"""Observations of walking people, for predictors."""
 
 from functools import partial
 
@@ -43,7 +43,7 @@ def seen(time_s, position_m, head_yaw=None, waist_yaw=0.0):
 
 
 def walk(predictor, frames=30, relative_yaw=None, noise_m=0.005):
-    """Show a predictor a straight walk; gives the time of the last frame."""
+    """Update a predictor with a straight walk; returns the time of the last frame."""
     rng = np.random.default_rng(3)
     for i in range(frames):
         position = np.array([2.0, 1.0, 0.4]) + i * FRAME_S * WALK_M_S + noise_m * rng.standard_normal(3)
@@ -53,7 +53,7 @@ def walk(predictor, frames=30, relative_yaw=None, noise_m=0.005):
 
 
 def turned_walk(predictor, frames, angle=np.pi / 9, speed=1.2, start_s=0.0, start_m=(2.0, 1.0, 0.4), waist_yaw=None):
-    """A noise-free straight walk at heading 0.3 rad with the head turned by a constant angle; gives the last time."""
+    """A noise-free straight walk at heading 0.3 rad with constant head yaw; returns the last time."""
     direction = np.array([np.cos(0.3), np.sin(0.3), 0.0])
     for i in range(frames):
         head, waist = yaw_quat(0.3 + angle), None if waist_yaw is None else yaw_quat(waist_yaw)
@@ -63,15 +63,15 @@ def turned_walk(predictor, frames, angle=np.pi / 9, speed=1.2, start_s=0.0, star
 
 
 def velocity_kernel(psd):
-    """Of the motion of an axis at two times (their product, the earlier, the later): speed 0 +- 1 m/s, white noise."""
+    """Covariance of an axis at two times (their product, earlier, later): speed 0 +- 1 m/s, white acceleration."""
     return lambda product, early, late: product + psd * (early**2 * late / 2 - early**3 / 6)
 
 
 def posterior(observations, times_s, kernel, noise_m=0.0):
-    """Forecast by one dense solve of the joint Gaussian of all positions: means and covariances.
+    """Posterior means and covariances by one dense solve of the joint Gaussian of all positions.
 
-    As the filters do, the first observation is the prior mean, with its covariance as the prior's. Where none is
-    stated, the noise is `noise_m` on each axis.
+    As in the filters, the first observation is the prior mean, with its covariance as the prior's. Without a stated
+    covariance, the noise is `noise_m` on each axis.
     """
     n, seen_m = len(observations), np.array([o.head_position_base_m for o in observations])
     stated = [noise_m**2 * np.eye(3) if o.position_covariance_m2 is None else o.position_covariance_m2
