@@ -1,4 +1,4 @@
-"""The documentation stays true: its code runs and prints what the pages say, its links lead somewhere."""
+"""The documentation: its code runs and prints the shown output, its links resolve."""
 
 import contextlib
 import io
@@ -44,7 +44,7 @@ def code_blocks(text):
 
 
 def run_block(block, page, namespace):
-    """Save a file, run Python in the namespace, or run the commands `gazempc`; give what they print."""
+    """Save a file, run Python in the namespace, or run the commands `gazempc`; returns the output."""
     if block.file:
         Path(block.file).write_text(block.code, encoding="utf-8")
         return ""
@@ -78,7 +78,7 @@ WITH_PYTHON = [name for name in PAGES if "python" in {block.language for block i
 
 @pytest.fixture
 def own_folder(tmp_path, monkeypatch):
-    """A working directory whose modules are forgotten after the test."""
+    """A working directory whose modules are unloaded after the test."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("my_parts", "my_gaze", "my_tracker", "my_robot"):  # of another test, under the pages' name
@@ -89,7 +89,7 @@ def own_folder(tmp_path, monkeypatch):
 
 
 def run_page(name, languages):
-    """Each block of these languages, from top to bottom; each prints what the page says."""
+    """Run the blocks of these languages in order; each must print the output on the page."""
     namespace = {"__name__": "__main__"}
     for block in code_blocks(page(name)):
         if block.language in languages:
@@ -108,7 +108,7 @@ def test_python_blocks_run_and_print_the_output_on_the_page(name, own_folder, in
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TUTORIALS)
 def test_tutorials_run_and_print_their_shown_output(name, own_folder, in_this_process):
-    """Commands, too."""
+    """Shell commands included."""
     run_page(name, {"python", "console", "yaml", "toml"})
 
 

@@ -1,4 +1,4 @@
-"""What exists is described where it belongs, and what the pages name exists."""
+"""Parts are documented on their pages, and names on the pages exist."""
 
 import contextlib
 import functools
@@ -61,7 +61,7 @@ def test_every_part_and_file_is_documented(name):
 
 
 def test_the_architecture_page_lists_existing_modules():
-    """Each folder and module that it names exists, and each folder and module of the root is named."""
+    """Each listed folder and module exists, and each folder and module of the root is listed."""
     named = set(re.findall(r"`((?:gazempc|predictors|experiments)/[\w/]*(?:\.py)?)`", page("architecture")))
     assert [path for path in named if not (ROOT / path).exists()] == []
     for package in ("gazempc", "predictors"):

@@ -1,4 +1,4 @@
-"""Dependencies point one way, along the data flow: the graph of all modules is read from their source."""
+"""Dependencies follow the data flow: the import graph is read from the source."""
 
 import ast
 import subprocess
@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("predictors", "gazempc", "experiments")
 
-# The order of what is in a package. Nobody imports anything of a later line; what stands in one line knows nothing of
-# its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
+# Layers of each package: no module imports a later line or a neighbour in its line. Results need neither robots nor
+# a loop, so these follow them.
 GAZEMPC = (
     ("errors", "types", "signals"),
     ("files",),
@@ -68,7 +68,7 @@ FILES = source_files()
 
 @cache
 def imports_of_all():
-    """The modules of ours that each one imports; read in the tests, because every test process imports this file."""
+    """Project modules imported by each module; a function, because every test process imports this file."""
     return {name: imports_in(ast.parse(path.read_text(encoding="utf-8"))) for name, path in FILES.items()}
 
 

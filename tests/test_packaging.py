@@ -1,4 +1,4 @@
-"""Packaging: the lock file has all that an installation needs, in one version each; the extra `all` has all extras."""
+"""Packaging: the lock file has every requirement in one version; the extra `all` has all extras."""
 
 import re
 import tomllib
@@ -14,7 +14,7 @@ TEXT = (ROOT / "requirements.lock").read_text(encoding="utf-8")
 
 
 def locked():
-    """Version by name, of what is to be installed on this machine."""
+    """Locked versions by name, for this platform."""
     found = {}
     for entry in re.split(r"\n(?=\w)", "\n".join(line for line in TEXT.splitlines() if not line.startswith("#"))):
         requirement, *hashes = entry.replace("\\\n", " ").split("--hash=")
@@ -41,7 +41,7 @@ def test_the_lock_file_satisfies_all_requirements():
         if key in seen:
             continue
         seen.add(key)
-        # What other packages need may change with their versions; those installed here say it nearly.
+        # Requirements of other packages vary with their versions; the installed ones are close.
         for text in requires(name) or ():
             inner = Requirement(text)
             environments = [default_environment() | {"extra": extra} for extra in ("", *wanted.extras)]

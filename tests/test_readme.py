@@ -1,4 +1,4 @@
-"""What the README shows is true: CI runs its commands, its Python runs, its links lead somewhere."""
+"""The README: CI runs its commands, its Python runs, its links resolve."""
 
 import contextlib
 import io
@@ -29,7 +29,7 @@ def test_ci_runs_both_commands_of_the_readme():
 
 
 def some_frames():
-    """A person who stands before the robot, for a third of a second."""
+    """A standing person for a third of a second."""
     for _ in range(10):
         yield SimpleNamespace(time_s=time.time(), head_m=[2.0, 0.2, 0.3])
         time.sleep(1 / 30)

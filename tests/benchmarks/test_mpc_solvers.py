@@ -11,7 +11,7 @@ from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, measure, s
 from gazempc.neck.spec import load_neck
 
 NECK = load_neck("reference")
-# Of the whole run: qrqp fails or says "success" to commands 0.1 rad off, OSQP stops at its limit of iterations.
+# Over the whole run: qrqp fails or reports success with commands 0.1 rad off, OSQP reaches its iteration limit.
 NOT_EXACT = {"casadi_qrqp", "osqp"}
 
 

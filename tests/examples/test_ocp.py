@@ -1,4 +1,4 @@
-"""The problem on the blackboard has the plan of the MPC."""
+"""The optimal control problem of the example has the plan of the MPC."""
 
 import runpy
 from pathlib import Path
@@ -13,7 +13,7 @@ from gazempc.neck.spec import load_neck
 
 BOARD = runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / "ocp.py"))
 NECK = load_neck("reference")
-# Far enough for the acquisition's bounds to be another matter.
+# The tracking program, without acquisition bounds.
 OCP = Mpc(NECK).ocps[0]
 
 
@@ -45,6 +45,6 @@ def test_the_plan_of_the_example_equals_that_of_the_mpc(z0, to_rad, solver):
 @pytest.mark.slow
 @settings(max_examples=3)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-1, 1), st.floats(-1, 1))
-def test_from_any_start_within_the_limits(unit, at, slope):
+def test_plans_are_equal_from_any_start_within_the_limits(unit, at, slope):
     z0 = 0.5 * np.array(unit) * [1.3, 2.4, 1.3, 2.4, 14.0]
     compared(z0, at + slope * np.cumsum(BOARD["steps"]) * 0.02)

@@ -1,4 +1,4 @@
-"""The least gaze error that limits leave, against the gazes that have to keep them."""
+"""The lower bound on gaze error under limits, against controllers that keep the limits."""
 
 import csv
 import json
@@ -33,12 +33,12 @@ def test_without_active_limits_the_least_error_is_zero():
 
 
 def test_with_active_limits_perfect_foresight_is_close_to_the_bound():
-    """The MPC with the true future is another program by another solver: near, and never below."""
+    """The MPC with the true future, another program and solver, is close to the bound and never below it."""
     log, first_observation_s = perfect("slow", "subject03_R4", 60.0)
     error_deg, least_deg = measure(log).gaze_error_rms_deg, least_error_deg(log, first_observation_s)
     assert error_deg > 1.0
     assert 0.95 * error_deg < least_deg < error_deg
-    # Who is told later errs more.
+    # A later forecast increases the error.
     assert least_error_deg(log, first_observation_s + 0.2) > least_deg
 
 

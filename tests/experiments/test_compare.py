@@ -1,4 +1,4 @@
-"""The comparison over many recordings: right means, resumable, and no crash on a bad recording."""
+"""The comparison over many recordings: means, resumption, and bad recordings as rows."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory, in_this_process):
-    """One person who walks, one who starts and one who stands; gazes begin aside; the model has seen one of them."""
+    """A walking, a starting and a standing person; start offsets; the model was fitted on one of them."""
     folder = tmp_path_factory.mktemp("compared")
     model = dataclasses.replace(shipped_walker_model(), about={"people": ["subject01"]})
     save_walker_model(model, folder / "walker.npz")
@@ -100,7 +100,7 @@ def test_the_perfect_forecast_is_run_once_for_all_predictors():
 
 
 def test_another_fitted_model_changes_the_key(tmp_path):
-    """A fit into the same folder changes the key, so that old results are not taken for new ones."""
+    """A fit into the same folder changes the key, so that old results are not reused."""
     path = tmp_path / "left_out" / "ann.npz"
     path.parent.mkdir()
     save_walker_model(shipped_walker_model(), tmp_path / "walker.npz")

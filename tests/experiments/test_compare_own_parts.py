@@ -1,4 +1,4 @@
-"""Parts of the user's own in a comparison, and what they may do wrong."""
+"""User-defined parts in a comparison, and their faults."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Means, intervals, differences and fronts over clips and people, by hand."""
+"""Means, intervals, differences and Pareto fronts over clips and people, by hand."""
 
 import csv
 import json
@@ -25,7 +25,7 @@ def write_table(path, rows):
 
 
 def test_margins_by_hand(tmp_path, capsys):
-    """At 1.0 the rival errs 2.0 and the MPC, between its points, 1.8; at 2.0 the MPC is 10 % worse."""
+    """At 1.0 the errors are 2.0 (rival) and 1.8 (MPC, interpolated); at 2.0 the MPC is 10 % worse."""
     write_table(
         tmp_path,
         [
@@ -48,7 +48,7 @@ def test_margins_by_hand(tmp_path, capsys):
 
 
 def test_intervals_are_over_people_and_use_paired_clips_only(tmp_path):
-    """With ann the MPC errs 20 % less, with bob as much; a third clip has only look-ahead's run."""
+    """The MPC's error is 20 % smaller for ann, equal for bob; a third clip has only look-ahead's run."""
     rows = []
     for case, errors in (("lookahead", (1.0, 1.0, 9.0)), ("mpc", (0.8, 1.0))):
         for clip, person, error in zip("abc", ("ann", "bob", "cyd"), errors, strict=False):

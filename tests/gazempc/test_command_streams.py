@@ -1,4 +1,4 @@
-"""Commands: streams, signals, full disks, and files that are written whole or not at all."""
+"""Commands: streams, signals, full disks, and atomic writes."""
 
 import json
 import os
@@ -24,7 +24,7 @@ HANG_S = 240
 
 
 def start(words, shell_end=""):
-    """A command as a shell starts it; text of both streams is for reading."""
+    """Start a command as a shell does; both output streams are text pipes."""
     command = f'exec "{sys.executable}" -m {" ".join(words)} {shell_end}'
     return subprocess.Popen(
         ["/bin/sh", "-c", command],
@@ -63,7 +63,7 @@ def test_output_to_a_full_disk_gives_a_message():
 @pytest.mark.slow
 def test_a_signal_ends_a_run_with_its_results_so_far(tmp_path):
     process = start([*RUN, "--noise-seeds", "1000", "--no-figures", "--out", str(tmp_path)])
-    for line in process.stderr:  # a later seed is under way, not all are told: the first is complete
+    for line in process.stderr:  # a later seed is running: the first is complete
         if re.search(r"noise seed [1-9]", line):
             break
     process.send_signal(signal.SIGTERM)
@@ -81,7 +81,7 @@ def test_a_signal_ends_a_run_with_its_results_so_far(tmp_path):
     [("experiments.console", "gazempc run"), ("experiments.compare", "compare")],
 )
 def test_a_signal_during_the_imports_is_one_line(module, name):
-    """The first heavy module that the command imports is the signal's moment."""
+    """The signal arrives at the import of the first heavy module."""
     code = (
         "import os, runpy, signal, sys\n"
         "class Finder:\n"

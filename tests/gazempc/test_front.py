@@ -1,4 +1,4 @@
-"""The front door: `import gazempc as gz` is fast, offers what it says, and replays with names and objects."""
+"""The public package: `import gazempc as gz` is fast, has all its names, and replays by names and objects."""
 
 import json
 import subprocess
@@ -23,7 +23,7 @@ def loaded_by(code):
 
 def test_importing_the_package_loads_no_heavy_library():
     assert loaded_by("import gazempc; dir(gazempc); gazempc.__all__") == set()
-    # The test sees it where something is used.
+    # Names are loaded on use.
     assert "numpy" in loaded_by("import gazempc; gazempc.JointState")
 
 
@@ -32,7 +32,7 @@ def test_every_public_name_is_loaded_on_first_use(name):
     value = getattr(gz, name)
     assert value.__doc__
     assert value is getattr(gz, name)
-    # The name is that of the thing, but for functions that say what they load.
+    # Public and defining names are equal, but for loading functions.
     assert value.__name__ in (name, name.removesuffix("_recording"))
 
 

@@ -1,4 +1,4 @@
-"""Files made to hang or to fill the memory: each is refused by name, at once, and nothing in them is done."""
+"""Files made to hang or to exhaust memory: refused by name at once, and never executed."""
 
 import io
 import os
@@ -40,7 +40,7 @@ READERS = {
 
 
 def refused(read, path):
-    """What is said of a file that is refused at once and with little memory."""
+    """Message of a refusal, which is fast and uses little memory."""
     before_mb, started_s = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, time.process_time()
     with pytest.raises(GazempcError) as caught:
         read(path)
@@ -99,7 +99,7 @@ TEXTS = [
 
 @pytest.mark.parametrize(("name", "text", "said"), TEXTS, ids=range(len(TEXTS)))
 def test_texts_are_bounded_and_never_executed(name, text, said, tmp_path, monkeypatch):
-    """What they nest, repeat or name would take hours, all memory, or run a command."""
+    """Nesting, repetition or tags that would take hours, all memory, or run a command."""
     monkeypatch.chdir(tmp_path)
     path = tmp_path / name
     path.write_text(text)
@@ -198,7 +198,7 @@ def test_a_compression_bomb_in_a_bag_is_refused(compression, tmp_path):
     "table", ["jumps]\nsize_max_m = 0.1\nmean_interval_s", "loss]\nmean_interval_s", "other_person]\nevery_s"]
 )
 def test_a_sensor_with_error_rates_above_any_frame_rate_is_refused(table, tmp_path):
-    """Each bout is drawn: one every 3.5 ns took minutes for a walk of 5 s."""
+    """Each error burst is sampled: one every 3.5 ns took minutes for a walk of 5 s."""
     path = tmp_path / "sensor.toml"
     path.write_text(f'name = "s"\nsource = "s"\nrate_hz = 30.0\nlatency_s = 0.1\n[{table} = 3.5e-9\n')
     assert "0.001" in refused(load_sensor, path)

@@ -1,4 +1,4 @@
-"""Parts by name or module:Class, and options of parts of one's own."""
+"""Parts by name or module:Class, and options of user-defined parts."""
 
 import sys
 from dataclasses import dataclass
@@ -60,7 +60,7 @@ def test_an_unknown_part_is_reported_with_the_reason(text, choice, named, tmp_pa
 
 
 class Robot:
-    """Has all that a robot needs."""
+    """A complete robot."""
 
     def connect(self): ...
     def read_state(self): ...
@@ -85,7 +85,7 @@ def test_the_display_name_of_a_part():
     named.name = 3
     assert name_of(ROBOT, named) == "Robot"
     assert name_of(ROBOT, SimulatedNeck.__new__(SimulatedNeck)) == "simulated"
-    # A shipped name is the shipped part's alone.
+    # Names of shipped parts are reserved.
     named.name = "simulated"
     assert name_of(ROBOT, named) == f"{__name__}.simulated"
 

@@ -1,4 +1,4 @@
-"""The command line as a user calls it."""
+"""The replay command line."""
 
 import io
 import json
@@ -18,7 +18,7 @@ from gazempc.run_settings import load_settings
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """A walk of 1.3 s, about the shortest that is scored, across the robot's view."""
+    """A walk of 1.3 s, about the minimum that is scored, across the robot's view."""
     path, times_s = tmp_path_factory.mktemp("walks") / "walk.csv", np.arange(40) / 30.0
     columns = [times_s, np.full(40, 2.0), 1.2 * times_s - 1.0, np.full(40, 0.3)]
     np.savetxt(path, np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
@@ -27,7 +27,7 @@ def walk(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def main_job(walk, tmp_path_factory):
-    """All outputs, under as many seeds on a busy machine as on another."""
+    """All outputs; the number of seeds is independent of machine load."""
     out, said = tmp_path_factory.mktemp("main_job"), io.StringIO()
     words = ["--replay", str(walk), "--placement", "recorded", "--noise-seeds", "2", "--out", str(out)]
     with redirect_stdout(said):
@@ -155,7 +155,7 @@ def test_bad_input_gives_one_message_and_status_2(words, expected, capfd):
 
 
 def test_a_limit_violation_gives_status_1(walk, tmp_path, monkeypatch, capsys):
-    """Never seen in a real run: made by measuring against limits that are too small."""
+    """Does not occur in real runs: provoked by too small limits."""
     monkeypatch.setattr("gazempc.results.metrics.limit_violations", lambda log, neck: 3)
     words = ["--replay", str(walk), "--placement", "recorded", "--controllers", "reactive", "--no-figures"]
     assert main([*words, "--noise-seeds", "2", "--out", str(tmp_path)]) == 1

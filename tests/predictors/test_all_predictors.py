@@ -1,4 +1,4 @@
-"""What all predictors share: purity, refusals, covariances, and the use of the error that an observation states."""
+"""Common properties of predictors: purity, refusals, covariances, and use of stated observation errors."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def test_no_forecast_before_the_first_observation_nor_after_reset(make):
     with pytest.raises(NotReadyError):
         predictor.forecast(0.0)
     fresh = make()
-    for each in (predictor, fresh):  # and an earlier clock is as good as any after a reset
+    for each in (predictor, fresh):  # after a reset an earlier clock is valid
         each.update(seen(-5.0, np.ones(3)))
     np.testing.assert_array_equal(predictor.forecast(-4.5).means_base_m, fresh.forecast(-4.5).means_base_m)
     assert predictor.forecast(-4.5).issued_at_s == -5.0
@@ -85,7 +85,7 @@ def test_old_observations_are_refused_without_effect(make, step_s):
     ahead_s=st.lists(st.floats(-0.5, 3.0), min_size=1, max_size=5),
 )
 def test_covariances_are_symmetric_and_positive_semidefinite(make, steps_s, places, yaws, ahead_s):
-    """Whatever is seen, jumps included."""
+    """For any observations, jumps included."""
     predictor = make()
     times_s = np.cumsum(steps_s)
     for i, time_s in enumerate(times_s):
@@ -127,7 +127,7 @@ EYE3 = np.eye(3)
 
 
 def curve(frames=30, seed=0):
-    """A person comes round a gentle curve; each frame's error is drawn from the covariance that it states."""
+    """A person on a gentle curve; each frame's error is sampled from its stated covariance."""
     rng = np.random.default_rng(seed)
     time_s, heading = 0.0, 0.0
     place = np.array([2.5, -1.2, 0.4])
@@ -146,7 +146,7 @@ def curve(frames=30, seed=0):
 
 
 def acceleration_kernel(product, early, late, psd=0.3):
-    """As `velocity_kernel`, with an acceleration of 0 +- 1 m/s^2 that white noise drives."""
+    """As `velocity_kernel`, with initial acceleration 0 +- 1 m/s^2 and white jerk."""
     apart = late - early
     return product + product**2 / 4 + psd * (early**5 / 5 + apart * early**4 / 2 + apart**2 * early**3 / 3) / 4
 
@@ -174,7 +174,7 @@ def test_forecasts_equal_the_exact_posterior_with_stated_covariances(predictor, 
 
 @pytest.mark.parametrize("make", PREDICTORS.values(), ids=PREDICTORS.keys())
 def test_stated_noise_equals_configured_noise(make):
-    """And a noise that is set counts for nothing where another is stated, but for how particles are shaken."""
+    """Configured noise has no effect where another is stated, except on particle roughening."""
     noise_m = 0.004
     set_to_it, told = make(position_noise_m=noise_m), make(position_noise_m=0.01)
     for observation in curve():
@@ -189,7 +189,7 @@ def test_stated_noise_equals_configured_noise(make):
 
 @pytest.mark.parametrize(("yaw_from", "sds"), [("waist", (0.03, 0.06)), ("travel", (0.03, None))])
 def test_the_head_yaw_is_filtered_with_its_stated_deviation(yaw_from, sds):
-    """Of the relative yaw the variances add up; half of the usual variance stands for what is not stated."""
+    """The variances of the relative yaw add; half of the default variance replaces an unstated one."""
     usual_rad = 0.05
     expected = sds[0] ** 2 + (usual_rad**2 / 2.0 if sds[1] is None else sds[1] ** 2)
     set_to_it = HeadPose(yaw_noise_rad=np.sqrt(expected), yaw_from=yaw_from)

@@ -1,4 +1,4 @@
-"""Constant velocity: the gate, the change to another person's track, and the filter against direct Gaussian solves."""
+"""Constant velocity: the gate, track replacement, and the filter against direct Gaussian solves."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def person(time_s):
 
 
 def show(cv, at, since_s, until_s, rate_hz=30.0):
-    """Show a person with 5 mm of noise; returns the observations."""
+    """Update with a person with 5 mm of noise; returns the observations."""
     rng = np.random.default_rng(7)
     shown = []
     for k in range(round(since_s * rate_hz), round(until_s * rate_hz)):
@@ -57,7 +57,7 @@ def test_only_spikes_are_refused():
 
 
 def test_a_tracker_noisier_than_stated_is_soon_accepted():
-    """A range that is wrong by 15 % in each frame, and 10 mm stated: after a second nearly all is used."""
+    """Range noise of 15 % with 10 mm stated: after a second nearly all frames are used."""
     rng, cv, refused = np.random.default_rng(2), ConstantVelocity(), []
     for k in range(150):
         cv.update(HeadObservation(k / 30, person(k / 30) * (1.0 + 0.15 * rng.standard_normal())))
@@ -67,7 +67,7 @@ def test_a_tracker_noisier_than_stated_is_soon_accepted():
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
 def test_a_passer_by_of_0_7_s_does_not_move_the_track(rate_hz):
-    """Also where the gate has grown over the other person meanwhile."""
+    """Also where the growing gate includes the other person."""
     cv = ConstantVelocity()
     for period in range(4):
         begin_s = 1.8 * period
@@ -79,7 +79,7 @@ def test_a_passer_by_of_0_7_s_does_not_move_the_track(rate_hz):
 
 @pytest.mark.parametrize("rate_hz", [2.5, *RATES_HZ])
 def test_a_lasting_jump_is_followed_within_about_a_second(rate_hz):
-    """And goes on with the velocity that was seen meanwhile."""
+    """With the velocity observed meanwhile."""
 
     def elsewhere(time_s):
         return np.array([2.0, -1.0 - time_s, 0.4])
@@ -118,12 +118,12 @@ def test_a_jump_with_another_name_is_refused_for_longer():
     assert cv.rejections_in_a_row == 0
     named(cv, aside_of_person, 4.0, 5.6, "bob")
     assert off_m(cv, aside_of_person) < 0.02
-    named(cv, person, 5.6, 6.8, "ann")  # now she is the other one
+    named(cv, person, 5.6, 6.8, "ann")  # now the track is the other person's
     assert off_m(cv, aside_of_person) < 0.05
 
 
 def test_after_a_gap_another_name_must_match_the_predicted_position():
-    """0.4 m aside after 0.4 s may be the person who turned, but not under another name."""
+    """0.4 m aside after 0.4 s may be the same person turning, but not under another name."""
 
     def turned(time_s):
         return person(time_s) + 0.4 * ASIDE_M
@@ -163,7 +163,7 @@ def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(steps_s, ps
 
 
 def show_jumps(cv, count):
-    """Show another place, 0.5 m aside, for a number of frames; gives the last time and place."""
+    """Update with a position 0.5 m aside for some frames; returns the last time and position."""
     end_s = walk(cv)
     jump = cv.forecast(end_s).means_base_m[0] + [0.0, 0.5, 0.0]
     for i in range(1, count + 1):
@@ -172,7 +172,7 @@ def show_jumps(cv, count):
 
 
 def test_after_0_75_s_the_refused_observations_become_the_track():
-    """With all of its history: as a filter that saw nothing else."""
+    """With its full history: as a filter of these observations alone."""
     cv, fresh = ConstantVelocity(), ConstantVelocity()
     end_s, place_m = show_jumps(cv, 24)
     for i in range(1, 25):
@@ -186,7 +186,7 @@ def test_after_0_75_s_the_refused_observations_become_the_track():
 
 
 def test_ungated_is_the_plain_filter_of_all_observations():
-    """One outlier: the exact posterior of all observations, or, gated, of all others."""
+    """One outlier: the exact posterior with it (ungated) or without it (gated)."""
     times_s = np.arange(40) * FRAME_S
     positions_m = np.array([2.0, 1.0, 0.4]) + times_s[:, None] * WALK_M_S
     positions_m[30] += [0.0, 3.0, 0.0]

@@ -48,12 +48,12 @@ def test_covariance_of_a_bearing_has_the_stated_axes(position, bearing_sd_rad, r
 
 
 def rounding(sds_m):
-    """Relative error that rounding may make: in proportion to the condition number."""
+    """Bound on the relative rounding error, in proportion to the condition number."""
     return 1e-13 + 1e-14 * float(np.max(sds_m) / np.min(sds_m)) ** 2
 
 
 def exact_inverse(matrix):
-    """By cofactors in fractions, so without rounding before the last step."""
+    """Inverse by cofactors in exact fractions, rounded once."""
     a = [[Fraction(float(matrix[min(r, c), max(r, c)])) for c in range(3)] for r in range(3)]
 
     def cofactor(r, c):
@@ -69,7 +69,7 @@ def exact_inverse(matrix):
 )
 @pytest.mark.parametrize("seed", range(3))
 def test_inverse_and_distance_near_singularity_agree_with_fractions(seed, sds_m):
-    """Rounding in proportion to the condition number; symmetric, and no direction becomes impossible."""
+    """Rounding in proportion to the condition number; symmetric and positive definite."""
     rng = np.random.default_rng(seed)
     matrix = random_covariance(rng, sds_m)
     exact = exact_inverse(matrix)

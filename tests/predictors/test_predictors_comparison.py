@@ -1,4 +1,4 @@
-"""The standard predictors that others are compared with, each against an oracle that does not share its code."""
+"""The baseline predictors, each against an independent oracle."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def straight(time_s):
 
 
 def show(predictor, path, frames=60, pelvis=None, head=None, noise_m=0.0):
-    """Show a walk at 30 Hz; gives the time of the last frame."""
+    """Update with a walk at 30 Hz; returns the time of the last frame."""
     rng = np.random.default_rng(4)
     for i in range(frames):
         t = i * FRAME_S
@@ -51,7 +51,7 @@ def show(predictor, path, frames=60, pelvis=None, head=None, noise_m=0.0):
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_false_detections_replace_the_track_only_after_0_75_s(name):
-    """They walk on, too, so that the new track has a velocity at once."""
+    """The false detections move, so that the new track has a velocity at once."""
     predictor = PREDICTORS[name]()
     end_s = show(predictor, straight, noise_m=0.005)
     aside = np.array([0.0, 0.6, 0.0])
@@ -125,7 +125,7 @@ def test_a_standing_person_has_the_constant_velocity_forecast():
 
 @pytest.mark.parametrize("heading", [0.4, np.pi - 0.02])
 def test_a_constant_yaw_offset_is_estimated_and_keeps_the_walk_straight(heading):
-    """Also where the measured yaws jump from pi to -pi."""
+    """Also where the measured yaws wrap from pi to -pi."""
     direction = np.array([np.cos(heading), np.sin(heading), 0.0])
     predictor = CoordinatedTurn(yaw_cues="both")
     end_s = show(
@@ -201,7 +201,7 @@ def test_imm_equals_the_textbook_at_irregular_times():
 
 
 def test_many_particles_agree_with_the_extended_kalman_filter():
-    """Both are the same walker's; the particles' measurement noise is wider, so it is made up for."""
+    """Equal models; the particle filter's wider measurement noise is compensated."""
     particles, ekf = ParticleFilter(4000, position_noise_m=0.01), CoordinatedTurn(position_noise_m=0.015)
     for each in (particles, ekf):
         end_s = show(each, on_circle, frames=90, noise_m=0.01)

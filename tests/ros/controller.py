@@ -1,4 +1,4 @@
-"""A scripted joint_trajectory_controller of a neck that is simulated with its dead time.
+"""A scripted joint_trajectory_controller of a simulated neck with dead time.
 
 It treats trajectories as that of ros2_controllers (Jazzy and later): the newest replaces the one before, from the
 present state on; between points it interpolates by quintics; a last point that moves is refused. It sends joint

@@ -20,7 +20,7 @@ rclpy = rclpy_or_skip()
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PACKAGE = ROOT / "ros" / "gazempc_ros"
-# The controller takes a command up to one of its periods later and holds its own for one: as `identify` finds it.
+# Sampling and hold of the controller delay a command by up to two of its periods, as identified by `identify`.
 TOWARDS_CONTROLLER_S = 0.002
 NECK_PARAMETERS = {
     "options.ros2.base_frame": "base_link",
@@ -29,7 +29,7 @@ NECK_PARAMETERS = {
 
 
 class Process:
-    """A node in a process of its own; what it prints is kept in a file."""
+    """A node in a process of its own, with its output in a file."""
 
     def __init__(self, folder, name, words):
         path = os.pathsep.join(map(str, (ROOT, PACKAGE, HERE, HERE.parent, os.environ.get("PYTHONPATH", ""))))
@@ -43,7 +43,7 @@ class Process:
         return self.log.read_text()
 
     def stop(self, how=signal.SIGINT, timeout_s=30.0):
-        """End it; its exit status."""
+        """End the process; returns its exit status."""
         if self.process.poll() is None:
             self.process.send_signal(how)
         try:
@@ -110,7 +110,7 @@ class Stage:
 
 
 class Client:
-    """A node of the test that keeps what it hears."""
+    """A node of the test that records received messages."""
 
     def __init__(self):
         self.own = not rclpy.ok()

@@ -1,4 +1,4 @@
-"""The actions of the node `gaze`, by a client in another process: goals that are sent, replaced and cancelled."""
+"""The actions of the node `gaze`, by a client in another process: goals sent, replaced and cancelled."""
 
 from builders.ros2_real import rclpy_or_skip
 
@@ -64,7 +64,7 @@ class Head:
 
 
 def test_goals_of_both_actions_succeed_abort_and_cancel(stage):
-    """One node serves all cases: processes start slowly."""
+    """One node for all cases, since processes start slowly."""
     controller, gaze = stage.controller(), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())
@@ -124,7 +124,7 @@ def test_goals_of_both_actions_succeed_abort_and_cancel(stage):
     answered = [each.result() for each in sent if each.done()]
     assert len(answered) >= 30
     ends = [head.end(handle) for handle in answered]
-    # One whose place the gaze has just reached ends well.
+    # A goal just reached succeeds.
     assert ends.count(ABORTED) >= 0.9 * len(ends)
     assert set(ends) <= {ABORTED, OK}
 
@@ -146,7 +146,7 @@ def test_a_slow_goal_keeps_its_speed_limit_and_attention_resumes(stage):
     gaze.stop()
     controller.stop()
     _, _, joints_rad, _, _ = stage.rows()
-    # Of the commands: a joint catches up with messages that a busy computer delivers together.
+    # Measured on commands: joints catch up with messages that a busy computer delivers in bursts.
     commanded_rad_s = abs(gz.load_log(stage.gaze_file).command_velocity_rad_s[:, 0]).max()
     assert 0.3 < commanded_rad_s <= 0.4 * (1.0 + 1e-9)
     assert joints_rad[-1, 0] == pytest.approx(math.pi / 4, abs=0.035)

@@ -1,4 +1,4 @@
-"""The ROS package as a workspace uses it: launch files, parameter files, a bag of a run."""
+"""The ROS package in a workspace: launch files, parameter files, a bag of a run."""
 
 from builders.ros2_real import rclpy_or_skip
 
@@ -40,7 +40,7 @@ def test_launch_files_refer_to_existing_files_and_nodes():
 
 
 def test_the_demonstration_shows_markers_and_its_bag_replays(stage):
-    """What the launch file starts, with the parameter files that it names; people and frames go to a bag."""
+    """The nodes of the launch file with its parameter files; people and frames are recorded in a bag."""
     client, started = stage.client(), nodes("demo.launch.xml")
     client.listen(MarkerArray, "/gaze/markers")
     raw = {"/person/pose": [], "/tf_static": []}

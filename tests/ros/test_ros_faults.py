@@ -24,7 +24,7 @@ NECK = gz.load_neck("reference")
 
 
 class Watch:
-    """What the diagnostics of the node have told so far."""
+    """Diagnostics of the node received so far."""
 
     def __init__(self, client):
         self.client = client
@@ -46,7 +46,7 @@ class Watch:
         self.client.wait(told, timeout_s, why=lambda: f"{words}: {self.values()}")
 
     def until_used(self, more=20, timeout_s=60.0):
-        """Until more observations are used than before."""
+        """Wait until more observations are used."""
         before = int(self.latest().get("used", 0))
         self.client.wait(
             lambda: int(self.latest().get("used", 0)) >= before + more,

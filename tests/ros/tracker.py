@@ -1,4 +1,4 @@
-"""A scripted tracker: a recorded walk as seen from a frame that moves, with the sensor's delay and noise."""
+"""A scripted tracker: a recorded walk in a moving frame, with the sensor's delay and noise."""
 
 import argparse
 import math
@@ -75,7 +75,7 @@ def main():
     start_s, sent, tf_due_s, rows, walks = time.time(), 0, 0.0, [], False
     while not stopped and not source.finished:
         now_s = time.time()
-        # Frames are known before the first head.
+        # Transforms are sent before the first head.
         if not walks and now_s - start_s > WARM_UP_S:
             walks = True
             source.open()

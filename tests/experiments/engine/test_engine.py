@@ -1,4 +1,4 @@
-"""The job engine: every job once, every result kept, every failure a row, damage noticed; keys and recordings."""
+"""The job engine: jobs run once, results are saved, failures are rows, damage is reported; keys and recordings."""
 
 import os
 import re
@@ -44,7 +44,7 @@ def test_a_damaged_result_file_is_reported_and_moved_away(damage, tmp_path, caps
     path.write_bytes(damaged)
     with pytest.raises(GazempcError, match=re.escape(str(path))):
         read_result(path)
-    assert cache.find("key") is None  # so the job is done again
+    assert cache.find("key") is None  # so the job is repeated
     assert str(path) in capsys.readouterr().err
     assert not path.exists()
     cache.keep("key", ROW)
@@ -59,7 +59,7 @@ def names(folder):
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """Folder and rows of a first run: squares, an array, and every way not to have a result."""
+    """Folder and rows of a first run: squares, an array, and each kind of missing result."""
     folder = tmp_path_factory.mktemp("engine")
     jobs = [Tiny(3), Tiny(1), Tiny(3), Tiny(2, "array"), Tiny(1, "leave out"), Tiny(1, "fail"), Tiny(1, "bug")]
     with Engine(folder, jobs=2) as engine:

@@ -15,7 +15,7 @@ from tiny_jobs import Tiny
 from experiments.engine.engine import Engine
 
 ROOT = Path(__file__).resolve().parents[3]
-# A hang would be endless: far more than the 3 s that are promised, so that a busy machine does not matter.
+# Far beyond the documented 3 s, for a loaded machine; a hang would be endless.
 HANG_S = 240
 
 
@@ -39,7 +39,7 @@ def working(folder, *more):
 
 
 def alive(pid):
-    """Whether a process runs; one that nobody has waited for yet does not."""
+    """Whether a process runs; a zombie does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -70,7 +70,7 @@ def test_a_signal_ends_command_and_workers_and_keeps_results(sent, to, tmp_path)
 @pytest.mark.slow
 @pytest.mark.parametrize("signals", [[signal.SIGINT] * 2, [signal.SIGKILL]])
 def test_workers_end_when_their_command_is_killed(signals, tmp_path):
-    """By a second Ctrl-C, or killed."""
+    """By a second Ctrl-C or SIGKILL."""
     with working(tmp_path) as (process, workers):
         assert all(alive(pid) for pid in workers)
         for sent in signals:
@@ -97,7 +97,7 @@ run_interruptible('stubborn', stubborn, grace_s=0.2)
 
 
 def test_a_command_that_ignores_the_interrupt_is_ended():
-    """Code that swallows the interruption, as a library may, holds nothing up."""
+    """Code that swallows KeyboardInterrupt, as a library may, does not delay the end."""
     with subprocess.Popen([sys.executable, "-c", STUBBORN], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGTERM)
@@ -139,7 +139,7 @@ def test_a_signal_cancels_the_jobs_of_a_cluster(cluster, tmp_path):
     with working(tmp_path, cluster.scheduler_address) as (process, _):
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=HANG_S)
-        (tmp_path / "log.over").touch()  # else the end of the cluster waits for what its workers are still at
+        (tmp_path / "log.over").touch()  # otherwise closing the cluster waits for the running jobs
         assert process.returncode == 130
         assert "tiny: interrupted: 3 of 7 results are kept in" in error
         assert "Traceback" not in error

@@ -1,4 +1,4 @@
-"""Shifts of gaze beside those of people: what fits must fit."""
+"""Gaze shifts compared with human data."""
 
 import pytest
 from builders.replays import quick_neck
@@ -21,7 +21,7 @@ def test_head_and_eye_amplitudes_match_human_gaze_shifts(direction, amplitude_de
 
 
 def test_a_shift_is_scaled_to_the_motors_and_tabulated_beside_human_data():
-    """4.39 times the head's amplitude and 106 deg/s more, by the share that the motors bear."""
+    """Human peak speed, 4.39 amplitude + 106 deg/s, scaled to the motors."""
     shift, scale = make_shift(HUMAN, "mpc", "sideways", 40), motor_scale(EYES.pan)
     assert shift.head_share == pytest.approx(0.69, abs=0.01)
     assert shift.head_peak_deg_s == pytest.approx(scale * (4.39 * 0.69 * 40 + 106.0), rel=0.1)

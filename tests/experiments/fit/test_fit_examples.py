@@ -1,4 +1,4 @@
-"""Examples on which the predictor `walker` is fitted, and variants of walks and of people who stand."""
+"""Training examples of the predictor `walker`, and variants of walks and of standing people."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def straight_walk(seconds=4.0, speed_m_s=1.2, heading_rad=0.4, sway_m=0.02):
 
 
 def standing(seconds=3.0, at_m=(2.0, 0.0, 1.6)):
-    """Somebody who does not move at all."""
+    """A motionless person."""
     n = round(seconds / FRAME_S)
     return GaplessWalk(np.arange(n) * FRAME_S, np.tile(at_m, (n, 1)), np.zeros(n), np.zeros(n))
 
@@ -54,7 +54,7 @@ def seen(walk, sensor, seed=0):
 
 
 def test_line_plus_departure_is_the_true_position():
-    """Line plus departure, back in the room, is the true position at each knot, whatever the tracker saw."""
+    """Line plus departure, in the base frame, is the true position at each knot, for any tracker noise."""
     walk = walk_of(load("subject03_R1"))
     observations = seen(walk, "body_tracker")
     examples = examples_of_walk(walk, observations, 0.7)
@@ -85,7 +85,7 @@ def test_line_plus_departure_is_the_true_position():
 
 
 def test_standing_gives_examples_and_running_gives_none():
-    """Standing people are the networks' business; nobody runs there."""
+    """Networks are fitted on standing people and exclude running ones."""
     still = standing()
     rng = np.random.default_rng(0)
     noisy = seen_through(still, "white", load_sensor("reference"), rng)
@@ -116,7 +116,7 @@ def test_bending_a_walk_keeps_heights_and_lengthens_no_step():
 
 
 def seen_in(recording, valid):
-    """The recording with a head in these frames only."""
+    """The recording with valid heads in these frames only."""
     head_m = np.where(valid[:, None], recording.truth.head_position_m, np.nan)
     return replace(recording, truth=replace(recording.truth, head_position_m=head_m))
 

@@ -1,4 +1,4 @@
-"""Networks of the predictor `walker`, and the stated uncertainty fitted to errors."""
+"""Networks of the predictor `walker`, and its uncertainty model fitted to errors."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion
 
 @pytest.mark.slow
 def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
-    """Shown or hidden, what is said of head and pelvis changes nothing."""
+    """Orientation inputs of head and pelvis have no effect on blind networks."""
     examples, other = toy(2000, 0), toy(1000, 1)
     fits = [fit_networks(examples, 3, 2, 150, sees_yaws=False) for _ in range(2)]
     for a, b in zip(fits[0][0], fits[1][0], strict=True):
@@ -35,7 +35,7 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
 
 
 def test_errors_are_weighted_by_the_inverse_covariance():
-    """Against the inverse of the whole matrix."""
+    """Against the inverse of the full covariance."""
     rng = np.random.default_rng(0)
     off_m, usual_m2 = rng.standard_normal((20, 3, 3)), np.array([0.02, 0.08, 0.2]) ** 2
     noises_m2 = [np.pad(random_covariance(rng, (0.4, 0.01, 0.01))[:2, :2], (0, 1)) for _ in range(20)]
@@ -60,14 +60,14 @@ def t_errors(rng, n, scale, v):
 
 
 def held(error, scale, v):
-    """Shares of errors inside the ellipsoids that should hold 68 and 95 %."""
+    """Empirical coverage of the 68 and 95 % ellipsoids."""
     distance2 = np.sum((error / scale) ** 2, axis=-1)
     distance2 = distance2[np.isfinite(distance2)]
     return [float(np.mean(distance2 <= 3 * f_distribution.ppf(share, 3, v))) for share in (0.68, 0.95)]
 
 
 def some_noise(rng, n):
-    """From 1 to 100 mm, other on each axis and each frame; every third tracker states it, the others do not."""
+    """Noise from 1 to 100 mm, varying by axis and frame; stated for every third tracker."""
     noise_m = np.zeros((n, 3))
     noise_m[::3] = np.exp(rng.uniform(np.log(0.001), np.log(0.1), noise_m[::3].shape))
     return noise_m
@@ -76,7 +76,7 @@ def some_noise(rng, n):
 @pytest.mark.slow
 @pytest.mark.parametrize(("true_v", "chosen"), [(6.0, (5.0, 7.0)), (np.inf, (19.9, 20.0))])
 def test_scales_and_tails_are_recovered_with_nominal_coverage(true_v, chosen):
-    """Errors drawn with a known dependence of their scale on the reasons for doubt, through a tracker without error."""
+    """Errors whose scale depends in a known way on the features of the uncertainty model, with an ideal tracker."""
     rng, n = np.random.default_rng(0), 4000
     u = np.column_stack([np.ones(n), rng.uniform(0, 2, (n, 2))])
     true = np.array([np.log(0.05), 0.8, -0.3])
@@ -87,7 +87,7 @@ def test_scales_and_tails_are_recovered_with_nominal_coverage(true_v, chosen):
     assert chosen[0] <= found.degrees_of_freedom <= chosen[1]
     assert found.log_spread.shape == (3, KNOTS, 3)
     assert found.log_spread_hidden.shape == (found.hidden.shape[1], KNOTS, 3)
-    # A scale of other tails than the true ones is another number; what counts is what it holds.
+    # With other degrees of freedom the scale differs; the coverage must hold.
     off = found.log_scale(u) - np.log(scale)
     assert np.abs(np.mean(off)) < (0.06 if true_v < np.inf else 0.12)
     assert np.std(off) < 0.08

@@ -75,7 +75,7 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory, in_this_process):
-    """Folder and output of the command: people who stand and walk, and a predictor that fails."""
+    """Output folder and text of the command: standing and walking people, and a failing predictor."""
     folder, said = tmp_path_factory.mktemp("compared"), io.StringIO()
     words = ["--recordings", "subject01_stand", "subject01_R1", "subject02_R4", "--horizons", "0.5", "--jobs", "1"]
     words += ["--no-figures", "--predictors", "default", "last_position", "constant_velocity"]
@@ -128,7 +128,7 @@ def test_a_failing_predictor_is_named_with_the_recordings(compared):
 
 
 def test_hidden_cues_do_not_reach_the_predictor():
-    """The paper's rule without one of its two angles is the filter alone; with both it is not."""
+    """Without one of its two angles the paper's rule equals the filter; with both it differs."""
     walk = load("subject04_R5")
     sensor = load_sensor("reference")
     plain = forecast_errors(walk, ConstantVelocity(), sensor, HORIZONS, 0)
@@ -139,7 +139,7 @@ def test_hidden_cues_do_not_reach_the_predictor():
 
 
 def test_a_user_defined_predictor_is_compared_with_its_options_and_name(tmp_path, monkeypatch):
-    """With the settings of `constant_velocity` it errs as that does; with others it does not."""
+    """With the settings of `constant_velocity` its errors are equal; with others they differ."""
     own = own_module(tmp_path, monkeypatch)
     words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity", f"{own}:Steady"], "jobs": 1}
     plain, steady = forecast(**words, out=tmp_path / "out")
@@ -151,7 +151,7 @@ def test_a_user_defined_predictor_is_compared_with_its_options_and_name(tmp_path
 
 
 def test_a_line_of_sight_sensor_without_robot_is_placed_beside_the_walk():
-    """For others the recording's own frame serves, and where a robot stood, for all."""
+    """Other sensors, and recordings made by a robot, use the recording's own frame."""
     own = load("subject01_R4")
     elsewhere, camera = replace(own, has_robot=False), load_sensor("face_camera")
     for name in ("perfect", "reference", "body_tracker", "street"):
@@ -199,7 +199,7 @@ def test_smoothing_does_not_cross_a_gap():
 
 
 def test_errors_against_smoothed_truth_exclude_track_noise(tmp_path):
-    """Frames are off by 20 mm across, to and fro: so is the last position against the smooth truth."""
+    """Frames alternate by 20 mm across the path; so does the error of the last position against the smoothed truth."""
     times_s = np.arange(0, 4.0, 0.02)
     off_m = 0.02 * (-1.0) ** np.arange(times_s.size)
     rows = np.stack([times_s, 0.5 * times_s, 3.0 + off_m, np.full_like(times_s, 1.6)], axis=1)

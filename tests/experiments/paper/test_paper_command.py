@@ -1,4 +1,4 @@
-"""The command of the paper: what it writes is what the rows say; and real people."""
+"""The command of the paper: its report against the rows, and real people."""
 
 import csv
 import json
@@ -25,7 +25,7 @@ WALKS = ("subject01_R1", "subject01_R4", "subject02_R2", "subject02_R6", "subjec
 
 
 def write_walks(folder):
-    """Their first frames as CSV files; who walks and the group stand in the index."""
+    """Write the first frames as CSV files; subject and group are in the index."""
     folder.mkdir()
     lines = ["clip,subject,group"]
     for name in WALKS:
@@ -108,7 +108,7 @@ def test_a_standing_person_has_no_yaw_against_travel(monkeypatch):
         for t in (TUNED_TIME_S, SLOW_TIME_S)
     }
     summary = analyse(rows, TUNED_TIME_S, 0, 3)
-    # What is published has a test of its own.
+    # Published values have a test of their own.
     json.dumps({k: v for k, v in summary.items() if k != "published"}, allow_nan=False)
 
 

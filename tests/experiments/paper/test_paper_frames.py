@@ -1,4 +1,4 @@
-"""Errors at frames, against the predictor run with each weight and against walks whose errors are known."""
+"""Errors at frames, against the predictor with each weight and walks with known errors."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def sightings_of(name, seed=0):
     ],
 )
 def test_the_error_at_any_weight_is_that_of_the_predictor_run_with_it(name, rule, options):
-    """And for the paper's rule that of equations 1 to 5 written out, d_kalman by hand from the filter's state."""
+    """For the paper's rule also against equations 1 to 5, d_kalman computed from the filter's state."""
     psd, weight = 0.01**2 / 30 / TUNED_TIME_S**4, 0.3
     placed, observations = sightings_of(name)
     kalman = ConstantVelocity(psd, 0.01, gated=False)
@@ -102,7 +102,7 @@ def test_a_constant_head_yaw_rotates_the_step_by_that_angle(monkeypatch):
 
 
 def test_a_frame_without_observed_future_is_not_scored(monkeypatch):
-    """Half a second is missing: frames before it are judged only if the frame 15 later is there."""
+    """Half a second is missing: earlier frames are scored only if the frame 15 later exists."""
     valid = np.ones(120, dtype=bool)
     valid[60:75] = False
     row = made_errors(monkeypatch, line_m(), valid=valid)

@@ -1,4 +1,4 @@
-"""The camera on the head, and directions and points from a place in its image, against trigonometry by hand."""
+"""The head-mounted camera, and directions and points from image positions, against trigonometry by hand."""
 
 import math
 
@@ -75,7 +75,7 @@ def test_a_10_hz_detector_takes_every_third_frame_at_30_hz():
 
 
 def test_the_one_euro_filter_of_a_step_is_a_low_pass_of_its_cutoff():
-    """With beta = 0 each step closes the share w / (w + 1), w = 2 pi f dt."""
+    """With beta = 0 the smoothing factor is w / (w + 1), w = 2 pi f dt."""
     one_euro = OneEuro(1.1, 0.0, 1.0)
     one_euro.update(np.zeros(1), 0.1)
     w = 2.0 * np.pi * 1.1 * 0.1

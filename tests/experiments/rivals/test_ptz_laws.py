@@ -11,7 +11,7 @@ TOP = neck_with(velocity_max_rad_s=1.0)
 
 
 def frames(course, rate_hz=30.0):
-    """The answers of pan, one a frame, from the arrival of the first frame on."""
+    """Pan commands, one per frame, from the arrival of the first frame on."""
     return course.command[np.round(np.arange(0.1, course.time_s[-1], 1.0 / rate_hz) * 1000).astype(int) + 2, 0]
 
 
@@ -25,7 +25,7 @@ def test_autoptz_speed_ramps_up_by_3_a_second_and_stops_at_once():
 
 
 def test_autoptz_has_a_dead_zone_with_hysteresis():
-    """0.35 and 1.25 of a zone of 0.15 half images are 3.0 and 10.6 deg; a face that creeps out has no velocity."""
+    """0.35 and 1.25 of a zone of 0.15 half images are 3.0 and 10.6 deg; a slow face has no velocity estimate."""
     still = run(AutoPtz(NECK, CAMERA), standing(2.9), 1.0, Plant(dead_time_s=99.0))
     assert (still.command == 0.0).all()
     course = run(AutoPtz(NECK, CAMERA), ramp(1.0), 13.0, Plant(dead_time_s=99.0), dt_s=0.01)
@@ -49,7 +49,7 @@ def test_visca_speeds_are_integer_steps():
 
 @pytest.mark.parametrize(("fps", "gain"), [(30.0, 10.5), (60.0, 5.27)])
 def test_the_gain_of_obs_face_tracker_scales_with_the_frame_interval(fps, gain):
-    """At the second frame integral and low-pass have hardly begun: u is about gain * e / N."""
+    """At the second frame integral and low-pass are near zero: u is about gain * e / N."""
     seen_by = camera(rate_hz=fps)
     course = run(ObsFaceTracker(TOP, seen_by), standing(40.0), 0.2, Plant(dead_time_s=2.0), seen_by)
     error_px = np.tan(np.deg2rad(40.0)) * 640.0
@@ -67,7 +67,7 @@ def test_the_integral_of_obs_face_tracker_rises_by_0_3_a_second():
 
 
 def test_the_pixel_pid_ramp_error_is_rate_over_integral_gain():
-    """The integral turns 0.08 degrees a second for a pixel: at 2 deg/s the face is 25 px off."""
+    """The integral gain is 0.08 deg/s per pixel: at 2 deg/s the error is 25 px."""
     course = run(PixelPid(NECK, CAMERA), ramp(2.0), 20.0, dt_s=0.005)
     late_deg = np.rad2deg(np.arctan(2.0 / 0.08 / 160.0))
     assert course.lag_s(2.0, 5.0) * 2.0 == pytest.approx(late_deg, abs=0.5)
@@ -95,7 +95,7 @@ def test_the_dead_band_of_a_200_px_box_is_131_or_49_px(move_time, px):
         law = Frigate(NECK, PROMPT, move_time=move_time, faces_tall=1.0)
         off_deg = np.rad2deg(np.arctan(off_px / 640.0))
 
-        # The first frame knows no velocity: there the person is in the middle.
+        # The first frame gives no velocity: the person is in the centre.
         def person(time_s, off_deg=off_deg):
             return (0.0 if time_s < 0.3 else off_deg, 0.0)
 
@@ -112,7 +112,7 @@ def test_no_move_begins_during_another():
 
 
 def test_a_calibrated_camera_leads_by_the_motion_during_the_move():
-    """10 deg/s are 22.3 px in 0.2 s: the move grows by that for each 0.2 s of the time that it is said to take."""
+    """10 deg/s are 22.3 px in 0.2 s: the move grows by 22.3 px for each 0.2 s of its stated duration."""
     move_time = MoveTime(0.3, 0.79, 1.0)
     course = run(Frigate(NECK, PROMPT, move_time=move_time), ramp(10.0), 8.0, Plant(0.3, 0.0, 1.0), PROMPT)
     began = np.flatnonzero(np.diff(course.command[:, 0]))[-4:] + 1

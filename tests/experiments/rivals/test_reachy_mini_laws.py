@@ -1,4 +1,4 @@
-"""Reachy Mini's laws against what was derived of them."""
+"""Reachy Mini's laws against derived closed forms."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def face(offset=(0.0, 0.0), capture_s=0.0):
 
 
 def test_a_still_target_is_approached_with_a_time_constant_of_0_123_s():
-    """The frame arrives after 0.1 s; what a step computes is sent at the next, 0.02 s later."""
+    """The frame arrives after 0.1 s; a computed command is sent at the next step, 0.02 s later."""
     course = run(ReachyMini(NECK, CAMERA), standing(20.0), 1.5, seen=first_frame_only)
     since_s = course.time_s - 0.12
     steps = np.floor(since_s / 0.02 + 1e-6) + 1
@@ -28,7 +28,7 @@ def test_a_still_target_is_approached_with_a_time_constant_of_0_123_s():
     assert -0.02 / np.log(0.85) == pytest.approx(0.123, abs=5e-4)
 
 
-# Of the target at a step: frames of 0.1 s, five steps each; of the ease; sent a step later; held for a step.
+# Target at a step: frames of 0.1 s, five steps each; easing; sent one step later; held for a step.
 HOLD_S, EASE_S, NEXT_S, HALF_S = 0.04, 0.02 * 0.85 / 0.15, 0.02, 0.01
 
 

@@ -1,4 +1,4 @@
-"""The command, its rows, the wrong models, and rivals as the trials make them."""
+"""The command, its rows, wrong models, and the construction of rivals."""
 
 import inspect
 import itertools
@@ -119,12 +119,12 @@ def test_a_wrong_model_changes_the_law_and_not_the_plant() -> None:
     log = RivalJob("smith", "step", None, REFERENCE, SENSOR, error=error).log(make_trial("step", None))
     # The log has the true neck, with the command of the law.
     assert log.neck == driven_by(REFERENCE, "position")
-    # Who believes in a longer latency takes each frame for an older one.
+    # With a longer modelled latency each frame gets an earlier capture time.
     assert log.capture_time_s[0] == pytest.approx(-0.05, abs=1e-9)
 
 
 def test_calibration_measures_the_top_speed_of_a_neck():
-    """Half the field of view takes its angle over the top speed; large moves come to rest later than small ones."""
+    """Half the field of view takes at least its angle over the top speed; large moves settle later than small ones."""
     neck = load_neck("reachy_mini")
     found = calibrate(neck, CAMERA)
     least_s = CAMERA.half_width_rad / neck.pan.velocity_max_rad_s

@@ -1,4 +1,4 @@
-"""The simulation of rivals, and answers of a head, against closed forms."""
+"""The simulation of rivals, and step responses of a head, against closed forms."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ SENSOR = PERFECT.model_copy(update={"rate_hz": 30.0, "latency_s": 0.1})
 
 
 class Told:
-    """A rival that answers what it was told, and keeps what it saw."""
+    """A rival with a fixed answer that records its views."""
 
     name = "told"
 
@@ -69,7 +69,7 @@ def test_a_law_that_commands_the_true_direction_is_in_contact() -> None:
 
 
 def test_steps_have_the_rivals_rate_and_the_plant_may_differ_from_its_model() -> None:
-    """The device is idle after the move only, which begins one dead time of the true neck late."""
+    """The device is idle only after the move, which starts after the dead time of the true neck."""
     rival, late = Told("position", (0.5, 0.0), 1.0 / 30.0), {"dead_time_s": 1.0}
     log = run(rival, robot_neck=REFERENCE.model_copy(update={"pan": REFERENCE.pan.model_copy(update=late)}))
     times_s = np.array([view.time_s for view in rival.views])

@@ -1,4 +1,4 @@
-"""Who stands where in the trials, when they are seen, and which people take part."""
+"""Positions of people in the trials, their visibility, and the choice of recordings."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_straight_walks_are_passes_and_others_are_turns() -> None:
 
 
 def test_a_recorded_standing_person_is_as_far_as_the_still_face() -> None:
-    """And moves: the motionless head of the other trials is what this one is beside."""
+    """The recorded head moves; the still face of the other trials is its reference."""
     trial = make_trial(STAND, "subject03_stand")
     head_m = trial.walk.truth.head_position_m[trial.walk.truth.valid]
     assert np.hypot(*head_m[:, :2].mean(axis=0)) == pytest.approx(1.5, abs=0.1)

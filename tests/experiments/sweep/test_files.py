@@ -1,4 +1,4 @@
-"""Sweep files: every bad one is refused whole; names set what they say, designs have their points."""
+"""Sweep files: invalid ones are refused with all errors; names set their values, designs have their points."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The condensed statement, against matrices that are made by hand in numpy, without CasADi."""
+"""The condensed program against matrices built in NumPy, without CasADi."""
 
 import math
 
@@ -85,7 +85,7 @@ def test_the_condensed_matrices_equal_those_by_hand(name, bounded):
         assert not program.rows_map[:, 6:].any()
         free = -np.linalg.solve(H, cost)
         gain = np.delete(program.gain, 5, axis=1)
-        # The Hessian has a condition number of 1e7, so of the gain nine digits are left.
+        # The Hessian's condition number is 1e7, which leaves nine digits of the gain.
         assert np.abs(gain[: len(lengths)] - free).max() < 2e-9 * np.abs(free).max()
         at_free = a @ free[:, :5]
         apart = gain[len(lengths) : len(lengths) + len(a), :5] - rows - at_free

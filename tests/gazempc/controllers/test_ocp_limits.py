@@ -39,7 +39,7 @@ def within_limits(model, command, scaled_jerk, room):
 
 
 def test_the_gain_is_used_exactly_when_no_limit_is_active():
-    """The best motion without limits, by the normal equations: taken if it keeps them all, else DAQP is asked."""
+    """The unconstrained optimum by the normal equations: used if feasible, else DAQP solves."""
     asked = {"gain": 0, "daqp": 0}
     rng = np.random.default_rng(6)
     for _ in range(200):
@@ -72,7 +72,7 @@ def test_without_active_limits_daqp_and_the_gain_agree(unit_state, change, expon
 
 @pytest.mark.slow
 def test_soft_limits_are_exact_when_feasible():
-    """A target far beyond the position limit presses hardest against it, and does not bend it."""
+    """A target far beyond the position limit does not violate it."""
     state, reference = np.array([1.2, 0, 1.2, 0, 0.0]), np.full(40, 3.0)
     solution = LONG.solve(state, reference)
     z, _ = ipopt(40, 0.085, soft=False)(state, reference)
@@ -120,7 +120,7 @@ def not_past(reference, below):
 
 @pytest.mark.parametrize("below", [True, False])
 def test_a_joint_with_bounds_does_not_pass_the_person(below):
-    """From rest 0.9 rad away; without the bound it passes by more than a degree."""
+    """From rest 0.9 rad away; without the bound the overshoot exceeds 1 deg."""
     side = 1.0 if below else -1.0
     reference = side * np.linspace(0.7, 0.9, LONG.model.lengths.size)
     state = np.array([-side * 0.2, 0.0, -side * 0.2, 0.0, 0.0])
@@ -130,13 +130,13 @@ def test_a_joint_with_bounds_does_not_pass_the_person(below):
     ours = BOUNDED.solve(state, reference, bounds)
     angles = joint(BOUNDED, state, ours.scaled_jerk)
     assert np.max(side * (angles - reference)) < 1e-3
-    # It comes as soon, but for the last moments.
+    # Equal motion but for the last steps.
     early = slice(0, 20)
     assert angles[early] == pytest.approx(joint(LONG, state, plain.scaled_jerk)[early], abs=0.03)
     assert ours.softened == 0.0
     assert within_limits(BOUNDED.model, ours.command, ours.scaled_jerk, 1e-5)
     g, lower, upper = BOUNDED.changing(parameters(state, reference), bounds)
-    # In units of 150 rad the usual tolerance of being on a bound would be nearly a degree.
+    # In units of 150 rad the default tolerance of an active bound would be nearly a degree.
     data = BOUNDED.program.data
     assert kkt_residual(data, g, lower, upper, ours.scaled_jerk, tolerance=1e-6).stationarity < 1e-4
 
@@ -153,7 +153,7 @@ def test_limits_have_priority_over_the_no_passing_bound():
 @pytest.mark.parametrize("ocp", [OCP, LONG], ids=["20", "40"])
 @pytest.mark.parametrize("scale", [0.3, 0.8, 1.5])
 def test_solutions_satisfy_the_kkt_conditions(ocp, scale):
-    """Apart from any solver; up to 1.5 times the limits, where most starts make them soft."""
+    """Independent of any solver; starts up to 1.5 times the limits, where most soften them."""
     data = ocp.program.data
     daqp, softened = Daqp(data), 0
     for state, reference in random_states(60, scale, ocp.model.lengths.size, seed=1):
@@ -163,7 +163,7 @@ def test_solutions_satisfy_the_kkt_conditions(ocp, scale):
         residual = kkt_residual(data, g, lower, upper, answer)
         assert residual.stationarity < 1e-6
         assert residual.bound < 1e-5
-        # The check would notice: the first jerk a hundredth off.
+        # Sensitivity: the first jerk perturbed by a hundredth.
         off = answer.copy()
         off[0] -= 0.01 * np.sign(off[0])
         assert kkt_residual(data, g, lower, upper, off).stationarity > 1e-3
@@ -174,7 +174,7 @@ def test_solutions_satisfy_the_kkt_conditions(ocp, scale):
 @pytest.mark.parametrize(("pull", "best"), [(0.25, 0.25), (2.0, 0.5), (2.75, 0.75), (9.0, 1.0)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_kkt_residual_of_a_program_solved_by_hand(pull, best, side):
-    """(x - pull)^2 / 2 with |x| <= 1/2 at 2 a unit: inside, held by a multiplier up to 2, beyond, at the bound."""
+    """(x - pull)^2 / 2, |x| <= 1/2 at a price of 2: inside, on the limit (multiplier up to 2), beyond, at the bound."""
     data = QpData(h=np.eye(1), a=np.eye(1), penalty=2.0)
     for x in (0.0, 0.25, 0.5, 0.75, 1.0):
         residual = kkt_residual(data, np.array([-side * pull]), np.array([-0.5]), np.array([0.5]), np.array([side * x]))
@@ -184,7 +184,7 @@ def test_the_kkt_residual_of_a_program_solved_by_hand(pull, best, side):
 @settings(max_examples=50)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-6, 6), st.floats(-4, 4), st.sampled_from([0.3, 1.0, 3.0]))
 def test_the_program_is_feasible_for_any_state(unit_state, target_rad, slope_rad_s, scale):
-    """Also starts far outside every limit and unreachable targets: soft limits always leave a way."""
+    """Also starts far outside every limit and unreachable targets: soft limits keep the program feasible."""
     state = scale * np.array(unit_state) * LIMITS
     solution = OCP.solve(state, target_rad + slope_rad_s * np.linspace(0, 0.4, N))
     assert np.abs(solution.scaled_jerk).max() <= 1.0 + 1e-9
@@ -193,7 +193,7 @@ def test_the_program_is_feasible_for_any_state(unit_state, target_rad, slope_rad
 
 
 def test_a_stopped_solver_gives_the_unconstrained_optimum():
-    """Stopped on purpose, on a start that needs more than one change of its active set; the smoother does the rest."""
+    """Stopped at a start with several active-set changes; the smoother keeps the limits."""
     state, reference = np.array([0.0, 0.0, 0.0, 2.0, 10.0]), np.ones(N)
     stopped = AxisOcp(MODEL, T, iterations=1).solve(state, reference)
     assert stopped.solver == "none"
@@ -204,7 +204,7 @@ def test_a_stopped_solver_gives_the_unconstrained_optimum():
 
 
 def test_a_failed_solve_is_not_used_as_warm_start():
-    """What a stopped run leaves behind is no start for the next one."""
+    """The state of a stopped solve is discarded."""
     tired = Daqp(OCP.program.data, iteration_limit=32)
     statuses = []
     for state, reference in random_states(100, 1.0, N, seed=2):

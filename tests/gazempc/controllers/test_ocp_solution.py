@@ -58,7 +58,7 @@ def test_the_solution_equals_that_of_ipopt(state, from_rad, to_rad, binding):
 
 
 def test_unconstrained_solution_is_least_squares():
-    """Where no limit binds; solved here by scipy from the definition."""
+    """Without active limits; least squares by SciPy from the definition."""
     state, reference = np.zeros(5), 0.001 * np.sin(np.linspace(0, 1, N))
     best = lsq_linear(*least_squares(state, reference))
     ours = OCP.solve(state, reference)
@@ -69,7 +69,7 @@ def test_unconstrained_solution_is_least_squares():
 
 
 def test_the_prediction_equals_the_continuous_time_model():
-    """The rolled maps against scipy's ODE solver with the command held between servo ticks; steps of many lengths."""
+    """Prediction matrices against SciPy's ODE solver with commands held between servo ticks; unequal steps."""
     lengths = (1, 1, 2, 3)
     p = AxisModel(NECK, 0, lengths, 5)
     program = AxisOcp(p, T).program
@@ -109,7 +109,7 @@ UNEVEN = (1, 1, 1, 2, 3, 4)
 
 
 def test_the_command_is_the_integral_of_the_jerks():
-    """What is returned is the motion that the returned jerks make; also where the position limits are lopsided."""
+    """The returned motion is the integral of the returned jerks, also with asymmetric position limits."""
     uneven = AxisModel(NECK, 0, UNEVEN, sum(UNEVEN))
     for ocp in (OCP, AxisOcp(even(N, 1), T), AxisOcp(uneven, T), AxisOcp(uneven, T, bounded=True)):
         lengths = ocp.model.lengths.astype(int)
@@ -124,7 +124,7 @@ def test_the_command_is_the_integral_of_the_jerks():
 
 
 def test_the_velocity_limit_holds_across_unequal_steps():
-    """From just below the limit and still speeding up, a jerk at the wrong step's end would carry it past."""
+    """From just below the limit while accelerating; a row at the wrong step's end would allow a violation."""
     ocp = AxisOcp(AxisModel(NECK, 0, UNEVEN, sum(UNEVEN)), T)
     limit = NECK.command_limits.velocity_max_rad_s[0]
     bound, reached = 0, 0.0
@@ -132,7 +132,7 @@ def test_the_velocity_limit_holds_across_unequal_steps():
         for speed in np.linspace(0.92, 1.0, 9) * limit:
             state = np.array([0.0, speed, 0.0, speed, acceleration])
             solution = ocp.solve(state, np.linspace(0.5, 1.2, len(UNEVEN)))
-            # What the state itself says of the first step cannot be helped.
+            # The initial state alone determines part of the first step.
             if solution.softened or speed + acceleration * H / 2 > limit:
                 continue
             _, v, a = np.column_stack([state[2:], solution.command])
@@ -146,7 +146,7 @@ def test_the_velocity_limit_holds_across_unequal_steps():
 
 
 def test_growing_steps_give_the_plan_of_equal_steps():
-    """The first jerk, which is all that is sent before the next plan, and the joint where both have a step's end."""
+    """Compared: the first jerk, which is all that is sent before the next plan, and the joint at common knots."""
     horizon = growing_steps(0.8, H)
     assert horizon[:3] == (1, 1, 1)
     assert sum(horizon) == 40

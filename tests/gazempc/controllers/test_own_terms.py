@@ -1,4 +1,4 @@
-"""Own costs and rows: the optimum that IPOPT finds for the same statement, and clear errors for all else."""
+"""User-defined costs and rows: the optimum of IPOPT for the same program, and errors for invalid ones."""
 
 import casadi as ca
 import numpy as np
@@ -78,7 +78,7 @@ def test_user_rows_give_the_optimum_of_ipopt(names, width, seed):
 
 
 def test_velocity_and_posture_terms_give_the_optimum_of_ipopt():
-    """The same for one choice that is quick."""
+    """One quick case of the same comparison."""
     terms = (lambda o: 0.05 * ca.sumsqr(o.du), lambda o: 0.3 * ca.sumsqr(o.q - 0.2))
     row = between(("u", "q"), 0.1)
     ocp, best = ours(terms, (row,)), ipopt_of(NECK, 0, (1,) * STEPS, TUNING, True, terms, (row,))
@@ -103,7 +103,7 @@ def test_terms_apply_to_pan_and_tilt_or_to_one_joint():
 
 
 def test_a_term_function_is_evaluated_for_each_controller():
-    """It may close over a value that changes."""
+    """The function may close over a changing value."""
     weight = [0.01]
 
     def term(o):
@@ -187,7 +187,7 @@ def test_a_symbol_of_another_trajectory_is_refused():
 
 
 def test_a_lag_limit_holds_in_closed_loop():
-    """The joint may lag its command by 2 deg at most; a jump of 30 deg without the row makes it lag by more."""
+    """The row bounds the lag by 2 deg; without it a step of 30 deg exceeds that."""
 
     def lag(o):
         return (o.u - o.q) / np.radians(2.0)
@@ -209,7 +209,7 @@ def replayed(mpc):
 
 
 def test_terms_that_outweigh_the_slack_price_are_named():
-    """Dearer than the slacks: the plan leaves limits, the smoother keeps them, and an event names the term."""
+    """A weight above the slack price: the plan violates limits, the smoother keeps them, an event names the term."""
 
     def far_away(o):
         return 1e7 * ca.sumsqr(o.q - 3.0)
@@ -222,7 +222,7 @@ def test_terms_that_outweigh_the_slack_price_are_named():
 
 
 def test_a_temporarily_infeasible_row_is_named():
-    """It can be kept in other states, so it is no mistake: the nearest plan is taken."""
+    """The row is feasible in other states, so it is accepted, and the nearest plan is used."""
 
     def at_once(o):
         return (o.q - o.r) / 1e-4

@@ -1,4 +1,4 @@
-"""A plan is a value: its shapes are checked, and it is the integral of its jerks."""
+"""A plan: shape checks, and integration of its jerks."""
 
 import numpy as np
 import pytest

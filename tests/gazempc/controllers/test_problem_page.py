@@ -1,4 +1,4 @@
-"""The formula, the weights and the rows of the page *Controllers* are those of the statement."""
+"""The cost, weights and rows on the page *Controllers* equal those of the code."""
 
 import re
 
@@ -14,7 +14,7 @@ from gazempc.controllers.mpc.mpc import LONGEST_TIME_S
 from gazempc.neck.spec import load_neck
 from gazempc.settings import MpcSettings
 
-NECK = load_neck("fetch")  # its limits are lopsided in tilt
+NECK = load_neck("fetch")  # its limits are asymmetric in tilt
 LENGTHS = growing_steps(0.8, NECK.control_period_s)
 PAGE = page("controllers")
 DAMPED = problem.Tuning(0.11, ACQUISITION_DAMPING)

@@ -1,4 +1,4 @@
-"""One gaze shared among head, eyes and body."""
+"""Redundant gaze of head, eyes and body."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_with_the_true_future_the_gaze_stays_on_the_person(make, neck):
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
 def test_the_eyes_compensate_the_error_of_the_head(make):
-    """The head alone is degrees off, and far smoother than that of a neck without eyes."""
+    """The head's own error is degrees, and its motion far smoother than without eyes."""
     joints, _, _ = run(make(EYES), EYES, crossing, 250, start_rad=start(EYES))
     alone, _, _ = run(make(NECK), NECK, crossing, 250, start_rad=start(EYES)[:2])
     acceleration, of_alone = (
@@ -69,7 +69,7 @@ def test_the_eyes_lead_the_head_in_a_large_shift(make):
 
 
 def test_reactive_eyes_compensate_the_measured_head():
-    """The gaze reaches a person at rest long before the head has come round."""
+    """The gaze reaches a person at rest long before the head."""
     joints, _, error_deg = run(
         Reactive(EYES), EYES, lambda t: standing(t) * [1.0, 0.3, 1.0], 100, start_rad=np.zeros(4)
     )
@@ -89,7 +89,7 @@ def test_a_body_joint_extends_the_reach_of_the_head(make):
 
 
 def stuck(joint, stuck_from_s):
-    """A neck of which one joint stands still from some time on."""
+    """A neck with one joint blocked from some time on."""
 
     class Stuck(SimulatedNeck):
         def __init__(self, neck, start_rad, clock_s, seed=0):
@@ -116,7 +116,7 @@ def to_and_fro(times_s):
 @pytest.mark.parametrize(
     ("make", "neck", "joint", "stuck_from_s", "ticks", "most_deg"),
     [
-        # By the head in place of an eye: some 7 deg if it went on as before.
+        # The head compensates a blocked eye: otherwise about 7 deg.
         pytest.param(LookAhead, EYES, 2, 0.0, 600, 0.3, id="eye from the start"),
         pytest.param(Mpc, EYES, 2, 1.6, 600, 0.3, id="eye on the way"),
         pytest.param(Mpc, BODY, 2, 1.0, 200, 0.8, id="body"),

@@ -1,4 +1,4 @@
-"""The command: neck files, robots, records, replays, and what it refuses."""
+"""The command: neck files, robots, records, replays, and refusals."""
 
 import datetime
 import tomllib
@@ -97,7 +97,7 @@ def test_invalid_command_lines_are_refused(clean, tmp_path, capsys):
 
 
 class Head(SimulatedNeck):
-    """Stands for a driver."""
+    """A test double of a driver."""
 
     def __init__(self, neck, clock_s, position_rad, dead_time_s: float = 0.1):
         changed = {"dead_time_s": dead_time_s}

@@ -41,7 +41,7 @@ def test_options_suffice_and_assumed_values_are_marked(tmp_path, capsys):
 
 
 def test_a_speed_unreachable_within_the_range_is_a_warning(tmp_path, capsys):
-    """By the rules of thumb reaching a speed and stopping takes 0.25 s of it: of 150 and 70 deg 10.5 and 4.9 rad/s."""
+    """By the rules of thumb acceleration and braking take 0.25 s: of 150 and 70 deg, 10.5 and 4.9 rad/s at most."""
     sheet = ["--sheet.pan-deg", "-75", "75", *SHEET[3:-1], "11 rad/s"]
     assert main(["--new", str(tmp_path / "mine.toml"), *sheet]) == 0
     printed = capsys.readouterr().out.splitlines()

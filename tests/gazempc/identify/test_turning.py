@@ -1,4 +1,4 @@
-"""Rotation from pictures of a synthetic panorama, and delay, lag and speeds from it."""
+"""Rotation between pictures of a synthetic panorama; delay, lag and speeds from rotations."""
 
 import datetime
 
@@ -32,7 +32,7 @@ def room():
 
 
 def picture(room, pan, tilt=0.0, person=None, share=1.0, blur=0.0, seed=0):
-    """What a pinhole sees; `person` is the left edge of a patch with a texture of its own, pixels."""
+    """A pinhole picture; `person` is the left edge of a patch with another texture, pixels."""
     x, y = np.meshgrid(np.arange(WIDTH) - (WIDTH - 1) / 2, np.arange(HEIGHT) - (HEIGHT - 1) / 2)
     forward = np.cos(tilt) * FOCAL + np.sin(tilt) * y
     up = np.sin(tilt) * FOCAL - np.cos(tilt) * y
@@ -156,11 +156,11 @@ def turn_estimate(delay_s, speeds):
 
 @pytest.mark.parametrize(("answers", "dead_time_s"), [(True, 0.3), (False, 0.5)])
 def test_the_neck_file_has_the_measured_table(answers, dead_time_s, tmp_path):
-    """With position answers theirs; without them that of the picture. The camera turns to the right for the step 1."""
+    """Speeds from position answers, else from pictures. The camera turns right at step 1."""
     left, right = {1: 0.09, 2: 0.4, 3: 0.6}, {1: 0.1, 3: 0.5}
     speeds = {k: -v for k, v in right.items()} | {-k: v for k, v in left.items()}
     by_picture = {step: speed * (1.05 if answers else 1.0) for step, speed in speeds.items()}
-    # The answers have the sign of the command, as the robot does.
+    # Position answers have the sign of the command, as on the robot.
     by_answers = turn_estimate(0.3, {k: -v for k, v in speeds.items()}) if answers else None
     axes = [TurnedAxis(name, turn_estimate(0.5, by_picture), by_answers, 3) for name in ("pan", "tilt")]
     path, view_rad = tmp_path / "measured.toml", np.radians([60.0, 36.0])

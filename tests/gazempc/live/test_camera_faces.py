@@ -1,4 +1,4 @@
-"""From a picture to people: faces and their names, directions as OpenCV projects them, heads with errors as stated."""
+"""Faces and their names in pictures, directions against OpenCV's projection, head positions with stated errors."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def names(found):
 
 
 def after(finder, pictures, start_s=0.0):
-    """Names in the last one of some pictures."""
+    """Names in the last of these pictures."""
     return names([finder.see(PICTURE, start_s + k * FRAME_S) for k in range(pictures)][-1])
 
 
@@ -44,7 +44,7 @@ def test_a_new_face_is_confirmed_within_half_a_second(faces, finder, face):
 
 @pytest.mark.parametrize(("rate_hz", "pictures"), [(15, 3), (5, 2), (60, 12)])
 def test_a_short_detection_is_not_confirmed(faces, finder, rate_hz, pictures):
-    """Hair and bald heads from behind score like faces for up to 0.2 s."""
+    """Heads from behind score like faces for up to 0.2 s."""
     for k in range(40):
         faces.here = [(320, 240, 90)] if k % 20 < pictures else []
         assert finder.see(PICTURE, k / rate_hz) == []
@@ -55,7 +55,7 @@ def test_a_detection_absent_in_the_mirror_image_is_rejected(faces, finder):
     assert all(finder.see(PICTURE, k * FRAME_S) == [] for k in range(30))
     faces.mirrored_score = 0.8
     assert after(finder, 8, 2.0) == ["1"]
-    # A person who is followed turns away: the score stays, the mirror image is not a face any more.
+    # A tracked person turns away: the score stays high, but the mirror image is no face.
     faces.score, faces.mirrored_score = 0.45, 0.32
     assert names(finder.see(PICTURE, 3.0)) == ["1"]
     faces.mirrored_score = 0.28
@@ -166,7 +166,7 @@ def test_an_exact_face_gives_the_exact_head_pose(eyes_m, yaw_deg):
     across_m = head.head_position_base_m - eyes_m * (head.head_position_base_m @ eyes_m) / (eyes_m @ eyes_m)
     assert np.rad2deg(np.linalg.norm(across_m) / np.linalg.norm(eyes_m)) < 0.05
     expected_deg = 180 + yaw_deg + np.rad2deg(np.arctan2(eyes_m[1], eyes_m[0]))
-    assert facing_deg(head) == pytest.approx(expected_deg, abs=2.5)  # what is likely draws it to the front a little
+    assert facing_deg(head) == pytest.approx(expected_deg, abs=2.5)  # the prior draws the estimate to the front
 
 
 def test_range_variance_dominates_bearing_variance():
@@ -180,7 +180,7 @@ def test_range_variance_dominates_bearing_variance():
 
 
 def test_keypoint_errors_have_the_stated_covariance():
-    """Monte Carlo: points with the stated error; errors of positions and yaws are as the covariance states, or less."""
+    """Monte Carlo over keypoint errors: errors of positions and yaws are at most those of the covariance."""
     rng = np.random.default_rng(0)
     eyes_m, sd = np.array([2.5, -0.5, 0.2]), 0.002
     heads = [head_from_points(points_of(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd) for _ in range(60)]
@@ -189,7 +189,7 @@ def test_keypoint_errors_have_the_stated_covariance():
     stated_yaw = [np.rad2deg(each.head_yaw_sd_rad) for each in heads]
     measured_rad = np.sqrt(np.mean(np.sum(np.square(bearings), axis=1)) / 2)
     stated_rad = np.sqrt(np.linalg.eigvalsh(head.position_covariance_m2)[0]) / np.linalg.norm(eyes_m)
-    assert 0.3 * stated_rad < measured_rad < 1.1 * stated_rad  # stated are differences between faces, too
+    assert 0.3 * stated_rad < measured_rad < 1.1 * stated_rad  # the stated error includes differences between faces
     assert 0.3 * np.mean(stated_yaw) < np.std(yaws) < 1.1 * np.mean(stated_yaw)
 
 

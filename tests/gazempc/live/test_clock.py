@@ -1,4 +1,4 @@
-"""Clocks of computer and tracker: stamps, what wrong ones look like, offset and drift; and lateness."""
+"""Clocks of computer and tracker: stamps, wrong stamps, offset and drift; and lateness."""
 
 import re
 import time
@@ -36,7 +36,7 @@ def test_unix_stamps_are_converted_and_a_clock_step_is_reported_once(monkeypatch
     for step_s in (3600.0, -7200.0, 0.5):
         assert passed(0.1, 0.1 + step_s)
         assert not clock.unix_clock_stepped()
-        # The time of the loop goes on; stamps of the new clock are right again.
+        # Loop time continues; stamps of the new clock are correct again.
         assert clock.from_unix_s(now["time"]) == pytest.approx(clock.now_s(), abs=1e-6)
     assert not passed(0.0, 0.002)  # the clock is slewed, not set
     assert clock.now_s() == pytest.approx(5.3)
@@ -77,7 +77,7 @@ LATE_S = 0.04
 
 
 def frames_of(stamps, reader):
-    """What becomes of stamps that arrive at 30 Hz."""
+    """Results for stamps that arrive at 30 Hz."""
     captures_s = [reader.loop_s(float(stamp), at_s) for stamp, at_s in zip(stamps, ARRIVALS_S, strict=True)]
     return [Frame(at_s, each_s, HEAD, HEAD, None) for at_s, each_s in zip(ARRIVALS_S, captures_s, strict=True)]
 
@@ -138,7 +138,7 @@ def stream(duration_s=20.0):
 
 
 def read(stamps_s, arrivals_s):
-    """Capture times as they are used, and what is said."""
+    """Capture times used, and the message."""
     offset = ClockOffset(0.05, SetupHints())
     used_s = [stamp + offset.shift_s(at_s, stamp) for stamp, at_s in zip(stamps_s, arrivals_s, strict=True)]
     return np.array(used_s), "" if offset.finding is None else offset.finding.text
@@ -155,7 +155,7 @@ def read(stamps_s, arrivals_s):
     ids=["ahead", "behind", "ahead for a second", "fast"],
 )
 def test_a_clock_offset_is_compensated(stamps_s, from_s, within_s, named):
-    """The soonest frames are taken to be 0.05 s old, and are 0.066 s."""
+    """The minimum latency is assumed 0.05 s, and is 0.066 s."""
     captures_s, arrivals_s = stream(40.0)
     used_s, text = read(stamps_s(captures_s), arrivals_s)
     assert np.abs(used_s - captures_s)[captures_s > from_s].max() < within_s

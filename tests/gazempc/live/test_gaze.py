@@ -1,4 +1,4 @@
-"""Gaze: a tracker's program drives a neck; whatever ends the block, the neck is braked and the robot closed."""
+"""Gaze: a tracker's program drives a neck; at any end of the block the neck is braked and the robot closed."""
 
 import math
 import threading
@@ -72,7 +72,7 @@ def test_a_raising_listener_is_an_event_and_the_run_continues():
 
 
 class BugError(Exception):
-    """A fault of the program, not of a part."""
+    """A program error outside of any part."""
 
 
 def test_a_servo_thread_exception_is_raised_after_braking_by_see_and_at_exit(monkeypatch):
@@ -125,7 +125,7 @@ def test_only_the_last_minutes_of_a_long_run_are_kept():
             opened.log()
             cuts_s.append(time.monotonic())
     kept_s = np.ptp(opened.log().time_s)
-    # The oldest log kept reaches over the limit by less than its own length.
+    # The oldest log exceeds the limit by less than its own length.
     assert 0.29 <= kept_s < 0.6 + np.diff(cuts_s).max()
     assert opened.events["no_observation_yet"] >= 1  # of the whole run
 
@@ -153,7 +153,7 @@ def test_stated_values_reach_predictor_and_log_and_invalid_ones_are_refused():
     stated = {"head_yaw_sd_rad": 0.1, "pelvis_yaw_sd_rad": 0.2, "confidence": 0.7}
     quats = {"head_quat_wxyz": [1, 0, 0, 0], "pelvis_quat_wxyz": [0, 0, 0, 1]}
     with gz.Gaze(NECK, Robot(), predictor=Keeps()) as opened:
-        taken.clear()  # what it was warmed up with
+        taken.clear()  # observations of the warm-up
         opened.see(time.time(), [2.0, 0.1, 0.3], covariance_m2=covariance, person_id=7, **quats, **stated)
         wait_for(lambda: len(taken) == 1)
         for name, wrong in (("head_m", [1.0, 2.0]), ("head_quat_wxyz", [1, 1, 0, 0]), ("time_s", "now")):

@@ -1,4 +1,4 @@
-"""Observations as lines of JSON: what is accepted, and complaints that name the field."""
+"""Observations as lines of JSON: accepted lines, and errors that name the field."""
 
 import contextlib
 import json
@@ -39,7 +39,7 @@ def test_observations_survive_a_round_trip(position, stamp, turn):
     assert found.pelvis_quat_wxyz.tolist() == [0, 0, 0, 1]
     assert {name: getattr(found, name) for name in stated} == stated
     assert (found.person_id, found.position_covariance_m2.tolist()) == ("7", COVARIANCE)
-    # What may be left out may be left out.
+    # Optional fields may be absent.
     assert parse({name: data[name] for name in (stamp[0], "head_position_m")}).head_position_base_m.tolist() == position
 
 

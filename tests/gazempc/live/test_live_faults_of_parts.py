@@ -1,4 +1,4 @@
-"""Whatever parts return or raise, singly or in any sequence: named events, commands within limits, a log that loads."""
+"""Any return value or exception of parts, in any sequence: events, commands within limits, a loadable log."""
 
 import dataclasses
 import threading
@@ -23,7 +23,7 @@ from predictors import ConstantVelocity
 
 
 def test_out_of_range_plans_and_drifting_readings_are_events_and_the_run_continues(tmp_path):
-    """Every kind of `benchmarks.faults.wrongs` is tried in `test_live_own_parts`, also of these parts."""
+    """`test_live_own_parts` tests every kind of `benchmarks.faults.wrongs`."""
     clock, drifts_from_s = SimulatedClock(), 1.1
     wild = between(0.6, drifts_from_s)
 
@@ -45,7 +45,7 @@ def test_out_of_range_plans_and_drifting_readings_are_events_and_the_run_continu
 
 
 def test_a_program_error_leaves_a_loadable_log(tmp_path, monkeypatch):
-    """The true joints of the tick that failed are left out."""
+    """The true joints of the failed tick are omitted."""
     tick, raised = LoopRecorder.tick, []
 
     def fails_once(self, time_s, *values):
@@ -63,7 +63,7 @@ def test_a_program_error_leaves_a_loadable_log(tmp_path, monkeypatch):
 
 
 def test_a_failure_before_the_first_tick_does_not_end_the_run():
-    """In the warm-up, which is no part of the log."""
+    """In the warm-up, which is not logged."""
     failures = [KeyError("once"), KeyError("once")]
 
     def plan(answer):

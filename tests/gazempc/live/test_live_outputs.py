@@ -1,4 +1,4 @@
-"""What a run reports to others: its status lines, and whom the robot looks at, by UDP, ROS 2 and into a file."""
+"""Outputs of a run: status lines, and the attended person by UDP, ROS 2 and file."""
 
 import dataclasses
 import io
@@ -28,7 +28,7 @@ HIDDEN_FROM_S, HIDDEN_TO_S = 1.5, 3.2
 
 @pytest.fixture(scope="module")
 def shown():
-    """A run in which the person is hidden for a while; logs are cut meanwhile."""
+    """A run with the person hidden for a while; logs are split meanwhile."""
 
     def hidden(now_s, sighting):
         return [] if HIDDEN_FROM_S < now_s < HIDDEN_TO_S else [sighting]
@@ -112,7 +112,7 @@ def test_the_attended_file_is_truncated_and_gets_a_line_at_each_change_and_the_e
 
 
 def test_a_failed_write_is_an_event_and_the_run_continues():
-    """On a full disk, say: an event of the log with the reason; the next line is written."""
+    """For example on a full disk: an event with the reason; the next line is written."""
     words = ["--source", "replay", "--simulated-clock", "--attend", "nearest", "--controller", "lookahead"]
     setup, lines, logs = build(session.parse([*words, "--predictor", "constant_velocity"])), [], []
 

@@ -1,4 +1,4 @@
-"""Parts of a user's own in live runs: by module:Class, with options; what they lack is said before anything moves."""
+"""User-defined parts in live runs: by module:Class, with options; defects are reported before any motion."""
 
 import json
 
@@ -53,7 +53,7 @@ def test_an_invalid_part_is_reported_before_any_motion(own, words, named, tmp_pa
 @pytest.mark.slow
 @pytest.mark.parametrize("family", [name for name in FAMILIES if "." in name and "," not in name])
 def test_the_summary_is_written_for_every_fault_of_a_part(own, family, tmp_path, monkeypatch, capsys):
-    """Each kind of the benchmark of faults, one after the other, in a run by the command; each event with its text."""
+    """Each fault of the benchmark in turn, in a run of the command; each event with its text."""
     part, name = family.partition(".")[0], write_spoilt(tmp_path, family, own)
     monkeypatch.syspath_prepend(str(tmp_path))
     parts = {"--source": "replay", "--controller": "lookahead", "--predictor": "constant_velocity"}

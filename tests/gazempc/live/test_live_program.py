@@ -1,4 +1,4 @@
-"""The whole program on observations from standard input and on a bag with its delays, and what it refuses."""
+"""The whole program on standard input and on a bag with recorded delays, and refusals."""
 
 import json
 import signal
@@ -16,8 +16,8 @@ from gazempc.results.metrics import measure
 
 @pytest.mark.slow
 def test_a_run_from_standard_input_to_its_end(tmp_path):
-    """Fed for a while in real time: the neck at rest, everything written, exit status 0."""
-    # The predictor in a process of its own forecasts as in that of the run.
+    """Input in real time: the neck ends at rest, all files are written, exit status 0."""
+    # The predictor runs in a process of its own.
     with Program("--source", "stdin", "--robot", "simulated", "--isolate", "predictor", "--out", tmp_path) as program:
         program.until_it_runs()
         program.walk(1.2)  # metrics are of logs longer than a second
@@ -28,7 +28,7 @@ def test_a_run_from_standard_input_to_its_end(tmp_path):
     assert "Traceback" not in complained
     summary, log = check_output(tmp_path, said)
     assert summary["stopped_by"] == "end of the source"
-    # The second walk begins where the first one did, too far away for a step.
+    # The second walk begins where the first one began, too far away for one step.
     gated = summary["refused"].pop("gate_refused")
     assert (summary["observations"], summary["used"] + gated, summary["refused"]) == (43, 42, {"bad_observation": 1})
     assert said.splitlines()[-1] == f"{42 - gated} of 43 used: {gated} gate, 1 unreadable"
@@ -36,7 +36,7 @@ def test_a_run_from_standard_input_to_its_end(tmp_path):
     assert f"bad_observation: {Event.BAD_OBSERVATION.meaning}" in said
     assert summary["warnings"] == []
     assert "bad_observation: standard input, line 37" in complained
-    # What cannot be measured in a live run is left open.
+    # Values that a live run cannot measure are null.
     assert summary["metrics_of_last_log"]["gaze_error_rms_deg"] is None
     assert summary["end_to_end_latency_ms"]["p50"] > 30.0
     assert np.ptp(log.command_position_rad[:, 0]) > 1e-3

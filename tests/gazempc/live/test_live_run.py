@@ -1,4 +1,4 @@
-"""A live run in order: it is the replay, late plans and left-out ticks, and its logs join."""
+"""A live run: equality with the replay, late plans, skipped ticks, joined logs."""
 
 import dataclasses
 import gc
@@ -45,7 +45,7 @@ def test_on_a_simulated_clock_a_live_run_equals_the_replay():
 
 
 def test_commands_are_independent_of_clock_jitter():
-    """Made for when ticks are due; made for when they are done, most would be a chase at the limit of jerk."""
+    """Commands are computed for due times; for actual times most would reach the jerk limit."""
     n = int(3.0 / TS)
 
     def hurried(result):
@@ -93,12 +93,12 @@ def test_short_logs_join_to_the_whole_log_and_leave_memory():
     assert short.events == whole.events
     for name in ("update_ms", "step_ms", "latency_ms"):
         assert sum(getattr(times, name).size for _, times in logs) == getattr(whole.logs[0][1], name).size
-    # While one log is being kept no more than its own ticks are in memory.
+    # While a log is saved, only its ticks are in memory.
     assert max(alive) <= 100
 
 
 def test_the_gaze_recovers_after_a_second_of_100_ms_solves():
-    """What is left of each late plan is used; the gaze is hardly worse meanwhile, and as ever 1.2 s after."""
+    """The rest of each late plan is used; the error hardly grows meanwhile, and recovers within 1.2 s."""
     clock = SimulatedClock()
     slow = between(1.5, 2.5)
     result = run_live(
@@ -119,7 +119,7 @@ def test_the_gaze_recovers_after_a_second_of_100_ms_solves():
 
 @pytest.mark.parametrize(("takes_s", "compute_delay_s"), [(0.015, 0.0), (0.03, 0.05), (0.015, 0.05)])
 def test_a_plan_is_late_after_its_tick_or_beyond_a_control_period(takes_s, compute_delay_s):
-    """Within a control period, but after the tick; before the tick, but longer than a control period; neither."""
+    """Below a control period but after the tick; above a control period but before the tick; neither."""
     clock = SimulatedClock()
     result = run_live(
         clock=clock,
@@ -139,19 +139,19 @@ def test_missed_ticks_are_skipped_without_a_burst(jump_s, where):
     blocked_s = [jump_s] if where == "at work" else []
 
     def on_send(now_s):
-        """The port is blocked once for some time."""
+        """The port blocks once."""
         if blocked_s and now_s >= from_s - 1e-9:
             clock.sleep_until_s(now_s + blocked_s.pop())
 
     result = run_live(clock=clock, on_send=on_send, duration_s=4.0 + jump_s)
     assert_sound(result)
     n = int(jump_s / TS + 1e-6)
-    # A tick more may be done than there is time for, at the same instant.
+    # One more tick may run at the same instant.
     assert n - 2 <= result.report.skipped_ticks <= n
     assert result.report.lateness.max_ms == pytest.approx(1e3 * jump_s, abs=1e3 * TS + 0.1)
     sent_s = np.array([now_s for now_s, _ in result.robot.received])
     assert max(np.searchsorted(sent_s, t + 10 * TS - 1e-9) - k for k, t in enumerate(sent_s)) <= 12
-    # The grid of the ticks is kept.
+    # Ticks stay on their grid.
     on_time = sent_s[sent_s > from_s + jump_s + 3 * TS]
     assert np.abs(on_time / TS - np.round(on_time / TS)).max() < 1e-6
     assert_recovered(result, from_s + jump_s + 1.9, within_deg=1.0)

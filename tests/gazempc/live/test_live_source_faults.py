@@ -1,4 +1,4 @@
-"""Faults of the source: what it raises, and observations, names and orientations that make no sense."""
+"""Faults of the source: exceptions, and invalid observations, names and orientations."""
 
 import dataclasses
 import itertools
@@ -28,7 +28,7 @@ from predictors import ConstantVelocity
 
 
 def test_an_observation_with_nan_a_bad_quaternion_or_a_head_at_the_sensor_is_refused():
-    """Forged past the check of `HeadObservation`, as a source in another language might."""
+    """Bypasses the checks of `HeadObservation`, as a source in another language might."""
     heads = [("head_position_base_m", np.full(3, value)) for value in (np.nan, 0.005)]
     others = [("pelvis_quat_wxyz", np.zeros(4)), ("position_covariance_m2", np.zeros((3, 3)))]
     wrong = itertools.cycle([*heads, *others])
@@ -48,7 +48,7 @@ def test_an_observation_with_nan_a_bad_quaternion_or_a_head_at_the_sensor_is_ref
 
 
 def test_a_raising_source_is_retried_after_braking_and_stale_frames_are_dropped():
-    """What it raises is in the log with its traceback, once. Then it delivers all that it has kept."""
+    """The exception is logged once with its traceback. Then the source delivers its backlog."""
     to_s = 3.5
 
     def on_poll(now_s):
@@ -59,7 +59,7 @@ def test_a_raising_source_is_retried_after_braking_and_stale_frames_are_dropped(
     assert_sound(result)
     lost = {"target_lost", "stale_observation", "observations_dropped"}
     assert result.events == {"no_observation_yet", "source_failed", *lost}
-    # An event is written once, when it begins, however many the frames.
+    # An event is recorded once, at its start, for any number of frames.
     assert result.event_s("stale_observation").size == 1
     assert result.event_s("source_failed") == pytest.approx([1.0], abs=TS)
     (fault,) = result.logs[0][0].faults
@@ -71,7 +71,7 @@ def test_a_raising_source_is_retried_after_braking_and_stale_frames_are_dropped(
     assert np.abs(braked).max() < 1e-9
     lag_s = result.joined("arrival_time_s") - result.joined("capture_time_s")
     assert lag_s.max() <= 0.5
-    assert (lag_s > 0.1).sum() > 10  # what was not stale of it was used
+    assert (lag_s > 0.1).sum() > 10  # its recent frames were used
     assert_recovered(result, to_s + 1.9, within_deg=1.0)
 
 
@@ -161,7 +161,7 @@ def test_entering_leaving_and_renamed_people_are_events():
     assert began_s["person_renamed"] == pytest.approx([3.0], abs=delay_s)
     assert began_s["person_returned"] == pytest.approx([4.0], abs=delay_s)
     assert len(began_s["attention_switched"]) == 1
-    # Observations that are not the walker's, or come before a track is confirmed.
+    # Observations of others, or before a track is confirmed.
     assert result.refused["another_person"] == pytest.approx(30 * (1.5 + 0.5), abs=8)
     assert result.refused["seen_twice"] == pytest.approx(6, abs=1)
     assert set(result.refused) == {"another_person", "seen_twice"}

@@ -1,4 +1,4 @@
-"""Live runs of necks that take speeds: the gaze follows, and the end is a stop, whatever ends the run."""
+"""Live runs of speed-driven necks: tracking, and a stop at any end of the run."""
 
 import functools
 import json
@@ -38,7 +38,7 @@ def mujoco_neck(neck, start_rad, clock_s):
 
 @functools.cache
 def sent_angles():
-    """What the same neck does that is sent angles."""
+    """A run of the same neck with angle commands."""
     return run_live(neck=with_both(PTZ, command="position"), duration_s=3.0).joined("joint_position_rad")
 
 
@@ -96,7 +96,7 @@ def test_a_camera_sets_neck_mount_and_timeouts():
     assert (settings.loop.stale_after_s, settings.loop.lost_after_s) == (1.5, 2.0)
     with pytest.raises(SettingsError, match="neck"):
         parse(["--robot", "visca:192.168.0.8", "--source", "camera"])
-    # A lower top speed leaves the scale of the device as it is.
+    # A lower speed limit does not change the scale of the device.
     words = ["--robot", "visca:h", "--source", "stdin", "--neck", "ptz", "--loop.speed-max-rad-s", "0.1"]
     slow = build(parse(words)).neck
     assert (slow.pan.velocity_max_rad_s, slow.pan.full_rad_s) == (0.1, PTZ.pan.velocity_max_rad_s)

@@ -1,4 +1,4 @@
-"""Start and end: nothing jumps, the neck is braked within its limits, and everything is closed."""
+"""Start and end: no jump, braking within limits, all parts closed."""
 
 import signal
 import subprocess
@@ -30,7 +30,7 @@ START_RAD = np.array([0.5, -0.1])
 
 @pytest.mark.parametrize(("kind", "until_s"), [(TimeoutError, 1.5), ("none", 0.3), ("nan", 1.5), ("three joints", 0.3)])
 def test_unreadable_joints_delay_or_end_the_start_without_a_jump(kind, until_s):
-    """A command at rest straight ahead would be a jump; a robot that never answers may be refused."""
+    """A command straight ahead would be a jump; a robot that never answers may be refused."""
 
     def on_read(now_s, state):
         return answers_badly(kind, state) if now_s < until_s else state
@@ -75,7 +75,7 @@ def test_a_start_outside_range_or_gaze_region_is_refused_but_a_simulated_robot_i
 
 @pytest.mark.parametrize(("region_deg", "accepted"), [(REGION_DEG, False), ((-20.0, 20.0, -10.0, 20.0), True)])
 def test_without_encoders_a_region_must_contain_the_rest_pose(tmp_path, region_deg, accepted):
-    """Its first command is where it rests; from a rest outside the region that would be a step."""
+    """The first command is the rest pose; a rest pose outside the region would cause a step."""
     path = tmp_path / "blind.toml"
     path.write_text(as_toml(NECK.model_copy(update={"reports_joints": False}).model_dump(exclude_none=True)))
     words = ["--source", "replay", "--robot", "simulated", "--simulated-clock", "--neck", str(path)]
@@ -94,7 +94,7 @@ def test_parts_that_fail_to_open_are_closed(part, error, monkeypatch):
         raise error("cannot be opened")
 
     monkeypatch.setattr(Spied if part == "robot" else Faulty, "connect" if part == "robot" else "open", fail)
-    # What a part of one's own raises beside the promised errors becomes one of them.
+    # Undocumented exceptions of a user-defined part are converted to documented ones.
     promised = error if issubclass(error, GazempcError) else {"robot": RobotError, "source": SourceError}[part]
     with pytest.raises(promised, match="cannot be opened") as raised:
         run_live()
@@ -161,6 +161,6 @@ def test_a_run_ended_in_motion_brakes_the_neck_first(error, neck):
 
 
 def test_the_first_signal_requests_the_end_and_the_third_ends_the_process():
-    """The second one is within the handling of the first: handlers run between any two instructions."""
+    """The second arrives in the handler of the first: handlers run between any two instructions."""
     done = subprocess.run([sys.executable, "-c", SIGNALLED], capture_output=True, text=True, check=False, timeout=240)
     assert (done.stdout.split(), done.returncode) == (["True"], -signal.SIGHUP), done.stderr

@@ -1,4 +1,4 @@
-"""What arrives is watched: heads that cannot be are refused; wrong unit, axes, rate and names are findings."""
+"""Plausibility of input: implausible heads are refused; wrong units, axes, rates and names are findings."""
 
 import dataclasses
 
@@ -103,7 +103,7 @@ def test_wrong_units_and_axes_are_reported_with_the_correcting_option(option, se
 
 
 def test_an_implausible_height_range_or_speed_is_reported():
-    # Seven frames here, seven frames there: two people without names.
+    # Alternating blocks of seven frames: two people without names.
     in_turn_m = np.where(np.arange(28)[:, None] // 7 % 2, WALK_M, np.add(WALK_M, (0, 3.0, 0)))
     for sent, mount, named in (
         (WALK_M, Mount(position_m=(0.0, 0.0, 3.0)), "--mount.position-m"),
@@ -128,7 +128,7 @@ def test_an_implausible_height_range_or_speed_is_reported():
         (np.arange(0.0, 4.0, 1 / 0.8), "--loop.lost-after-s"),
         # A person who is rarely found.
         (np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]])), "rarely found"),
-        # Each person of a frame has its time; a gap is no rate.
+        # People of a frame share its time; a gap does not count as an interval.
         (np.append(np.repeat(np.arange(0.0, 1.0, 1 / 30), 2), [3.0, 3.03]), None),
     ],
 )

@@ -1,4 +1,4 @@
-"""Sources of ROS 2 topics: heads of a person with their time of capture, points and sounds as cues."""
+"""Sources of ROS 2 topics: heads with capture times, points and sounds as cues."""
 
 import math
 import threading

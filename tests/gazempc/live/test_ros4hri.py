@@ -1,4 +1,4 @@
-"""The source ros4hri: each person in tf, with what is tracked of them, as trackers put it on the wire."""
+"""The source ros4hri: people by their tf frames and tracked ids, in serialised messages."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_a_face_is_transformed_from_a_turning_camera(stage):
     pan = [Rotation.from_euler("z", deg, degrees=True).as_quat(scalar_first=True) for deg in (20.0, 40.0)]
     captured_s = NOW_S - 0.1
     stage.tf(transform("head_link", [0.0, 0.0, 0.0], pan[0], "neck_link", captured_s - 0.015))
-    # Where the robot's head is becomes known later than the face.
+    # The transform of the robot's head arrives later than the face.
     stage.tf(transform("face_a", [0.3, -0.2, 2.0], FACING, OPTICAL, captured_s))
     assert source.poll().sightings == ()
     stage.tf(transform("head_link", [0.0, 0.0, 0.0], pan[1], "neck_link", captured_s + 0.005))
@@ -85,7 +85,7 @@ def test_a_person_has_one_name_whatever_face_they_have(stage):
     heard(source, stage, "/humans/persons/anna/face_id", TEXT, text("f2"))
     stage.tf(transform("face_f2", [1.0, 0.0, 0.0]), transform("face_f1", [1.0, 2.0, 0.0], at_s=NOW_S - 0.05))
     assert names(polled(source, 2)[0]) == ["anna", "f1"]
-    # Who is not tracked any more has no face: their old one is known by its own name.
+    # A person no longer tracked has no face: the face keeps its own id.
     heard(source, stage, PERSONS, IDS, tracked("bob"))
     stage.tf(transform("face_f2", [1.0, 0.0, 0.0], at_s=NOW_S - 0.02))
     assert names(polled(source, 1)[0]) == ["f2"]
@@ -133,7 +133,7 @@ def test_a_missing_publisher_is_reported_once_per_absence(stage):
 
 
 def test_a_skeleton_is_observed_at_its_head_joint(stage):
-    """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
+    """A chain of static and moving transforms: head, neck joint, torso, hips."""
     source = opened(stage)
     heard(source, stage, PERSONS, IDS, tracked("anna"))
     heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"))
@@ -155,7 +155,7 @@ READ = ("tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String")
 
 
 def test_faces_of_real_nodes_equal_the_recording(stage, bags_dir):
-    """The first 1.8 s of two people at 30 frames a second, once more on the wire."""
+    """The first 1.8 s of two people at 30 Hz, re-serialised."""
     with Reader(bags_dir / NAME) as bag:
         sent = [(c.topic, c.msgtype, 1e-9 * ns, raw) for c, ns, raw in bag.messages() if c.msgtype in READ]
     start_s = sent[0][2]

@@ -1,4 +1,4 @@
-"""Lines from standard input, UDP and TCP: put together however they are cut, and back after every interruption."""
+"""Lines from standard input, UDP and TCP: reassembly from any chunks, and recovery after interruptions."""
 
 import socket
 import sys
@@ -25,7 +25,7 @@ def test_addresses_are_parsed_or_refused():
 
 
 def read_from(wire, **options):
-    """A source that has ended, and what it gave."""
+    """A source read to its end, and its results."""
     source = LineSource(wire, RealClock(), **options)
     source.open()
     return source, Collector(source).until(lambda c: c.source.finished)
@@ -65,7 +65,7 @@ def test_an_endless_line_is_dropped_and_later_lines_are_read():
 
 @pytest.mark.parametrize("wrong", [b"\xff\xfe\x00\n", b"[" * 100_000 + b"\n", b'{"age_s": 1' + 400 * b"0" + b"}\n"])
 def test_no_line_stops_the_reader(wrong):
-    """Whatever is sent, the lines after it are read: otherwise one packet could blind the robot for good."""
+    """Lines after any input are read: otherwise one packet could disable tracking."""
     found = read([line(1), wrong, line(2)])
     assert numbers(found.sightings) == [1, 2]
     assert len(found.problems) == 1
@@ -82,7 +82,7 @@ ONE, OTHER = ("10.0.0.7", 4000), ("10.0.0.9", 4000)
 
 @pytest.mark.parametrize(("allowed", "used", "stranger"), [([], [0, 3], OTHER), (["10.0.0.8/31"], [1, 4], ONE)])
 def test_a_stream_is_bound_to_the_first_allowed_sender_of_an_observation(allowed, used, stranger):
-    """Rubbish takes it from no sender, and neither does the same computer from another port."""
+    """Invalid lines do not bind the stream, nor does another port of the same computer."""
     one_again, other_again = (ONE[0], 4001), (OTHER[0], 4001)
     senders = [OTHER, ONE, OTHER, one_again, ONE, OTHER, other_again]
     texts = [b"rubbish\n", *map(line, range(6))]
@@ -115,7 +115,7 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
     source.open()
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tracker:
-        # With and without an end of line, several in one, and one that is cut: it is not glued to the next.
+        # With and without line end, several in one datagram, and a truncated one, which is not joined to the next.
         for datagram in (line(0), line(1).strip(), line(2) + line(3), line(4)[:20], line(5)):
             tracker.sendto(datagram, ("127.0.0.1", port))
         found = Collector(source).until(lambda c: numbers(c.sightings) == [0, 1, 2, 3, 5])
@@ -134,8 +134,8 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
         stranger.sendto(line(7), ("127.0.0.1", port))
         return 7 in numbers(collector.sightings)
 
-    if sys.platform == "linux":  # which hands on that a port is closed
-        found.until(heard)  # a tracker that was started again has another port
+    if sys.platform == "linux":  # which reports that a port is closed
+        found.until(heard)  # a restarted tracker has another port
     stranger.close()
     with pytest.raises(SourceError, match=f"UDP 127.0.0.1:{port}"):
         LineSource(UdpPort("127.0.0.1", port), clock).open()
@@ -176,7 +176,7 @@ def test_tcp_reconnects_when_the_server_returns():
             found = Collector(source).until(lambda c: numbers(c.sightings) == [0])
             connection.sendall(line(1)[10:] + line(2) + line(3)[:25])
             found.until(lambda c: numbers(c.sightings) == [0, 1, 2])
-        # It breaks off in the middle of a line; the rest of that line never comes.
+        # The connection ends within a line; the rest of the line never arrives.
         connection, _ = server.accept()
         with connection:
             connection.sendall(line(4) + line(5))

@@ -1,4 +1,4 @@
-"""Several people as the loop knows them: what trackers do to each of them, and what becomes of it."""
+"""Several people in the loop: tracker faults of each, and their consequences."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ CALM = AttentionSettings(hysteresis_s=0.2, dwell_s=0.2)
 
 
 class Bench:
-    """Shows people to `AttendedPeople`, a frame at a time; people are functions of the time."""
+    """Feeds `AttendedPeople` frame by frame; people are functions of time."""
 
     def __init__(self, policy=None, predictor=ConstantVelocity, everyone=False):
         self.recorder = make_recorder()
@@ -26,7 +26,7 @@ class Bench:
         self.time_s = 0.0
 
     def show(self, seconds, *people):
-        """Show each person for whom a function gives a position, with orientation and name where it gives them."""
+        """Feed each person whose function returns a position, with optional orientation and name."""
         for _ in range(round(seconds / FRAME_S)):
             self.time_s += FRAME_S
             seen = [person(self.time_s) for person in people]
@@ -49,7 +49,7 @@ class Bench:
 
 
 def walker(x_m=2.0, speed_m_s=1.0, from_y_m=-1.0, name=None, frozen_s=(9.0, 9.0), quat=lambda time_s: None):
-    """Walks to the left; within some time the tracker stands frozen, and is then where the person is."""
+    """A walk to the left; the tracker is frozen in an interval, then at the true position."""
 
     def at(time_s):
         shown_s = frozen_s[0] if frozen_s[0] <= time_s < frozen_s[1] else time_s
@@ -83,7 +83,7 @@ def test_after_freezing_the_forecast_restarts_at_the_new_position():
 
 
 def test_orientation_jumps_are_judged_per_person():
-    """Two who face each other's back are no jump; one who is turned round within a frame is."""
+    """Two people with opposite yaws give no jump; a half turn of one within a frame does."""
     quiet = Bench().show(1.0, walker(quat=lambda _: yaw_quat(0.0)), walker(3.0, quat=lambda _: yaw_quat(np.pi)))
     assert "orientation_jumped" not in quiet.events
     turned = walker(3.0, quat=lambda time_s: yaw_quat(np.pi if 0.49 < time_s < 0.51 else 0.0))

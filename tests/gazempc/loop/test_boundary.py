@@ -1,4 +1,4 @@
-"""Whatever a part raises becomes an error that names its class; only Ctrl-C passes, which the main thread receives."""
+"""An exception of a part becomes an error that names its class; only Ctrl-C propagates, to the main thread."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""Predictor and controller of a run: by name, as objects, and one's own, which are tried out first."""
+"""Predictor and controller of a run: by name, as objects, and user-defined, which are tested first."""
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_a_given_object_is_tested_and_reset():
     shipped = gz.ConstantVelocity()
     shipped.update(gz.HeadObservation(0.0, np.array([2.0, 0.0, 0.3])))
     assert make_predictor(shipped, SETTINGS, Person(), {}) is shipped
-    # Reset: an observation of long before is the first one of a new track.
+    # After a reset an earlier observation starts a new track.
     shipped.update(gz.HeadObservation(-100.0, np.array([2.0, 0.0, 0.3])))
 
 
@@ -98,7 +98,7 @@ def test_user_defined_parts_get_future_neck_and_options(own):
 
 
 def failing(method, how):
-    """A predictor one of whose methods raises, or answers something else."""
+    """A predictor with a method that raises or returns an invalid value."""
 
     class Failing(gz.ConstantVelocity):
         pass

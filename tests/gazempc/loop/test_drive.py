@@ -1,4 +1,4 @@
-"""The drive of joints that take speeds, alone and in a replay beside a joint that takes angles."""
+"""The drive of speed-driven joints, alone and in a replay beside an angle-driven joint."""
 
 import numpy as np
 import pytest

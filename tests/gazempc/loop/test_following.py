@@ -1,4 +1,4 @@
-"""Joints that stand still although their commands move are found, and no others."""
+"""Detection of blocked joints, without false positives."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ EYE_PAN = NECK.joint_names.index("eye_pan")
 
 
 def watched(measured_of, seconds=4.0, frequency_hz=0.4, amplitude_rad=0.15):
-    """Joints held at each tick. All are sent a sine; `measured_of` makes readings of the servos' angles."""
+    """Blocked joints at each tick under sine commands; `measured_of` maps servo angles to readings."""
     watch, held = FollowingWatch(NECK), []
     servos = [DelayedServo(axis, 0.0, 0.0) for axis in NECK.axes]
     for tick in range(round(seconds / NECK.servo_period_s)):
@@ -67,7 +67,7 @@ def test_moving_and_unmeasured_joints_are_not_blocked(measured_of):
 
 
 def test_a_command_pulse_within_the_lag_is_no_blocked_joint():
-    """As at the end of a large shift: within the servo's lag the command is back."""
+    """As at the end of a large shift: the command returns within the servo's lag."""
     watch, servo, dead = FollowingWatch(NECK), DelayedServo(NECK.pan, 0.0, 0.0), np.zeros(NECK.joints)
     for tick in range(300):
         now_s = tick * NECK.servo_period_s
@@ -93,7 +93,7 @@ def test_the_event_names_the_joint():
 
 @pytest.mark.parametrize("still", [False, True])
 def test_a_blocked_joint_with_speed_commands_is_detected(still):
-    """The angles that its speeds lead to are compared with its position answers."""
+    """Integrated speeds are compared with the camera's position answers."""
 
     def reading(_, state):
         return JointState(state.time_s, frozen(state.position_rad, 0), state.velocity_rad_s) if still else state

@@ -1,4 +1,4 @@
-"""The loop: order of stages, compute delays, and which frames it takes."""
+"""The loop: order of stages, compute delays, and accepted frames."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_a_late_frame_does_not_clear_the_frozen_state():
 
 
 def test_the_controller_gets_committed_commands_and_plans_from_its_start_time():
-    """With a compute delay of 30 ms: history, committed commands and the tick from which a plan is followed."""
+    """With a compute delay of 30 ms: history, committed commands and the plan's first tick."""
     seen = []
 
     class Spy(LookAhead):
@@ -74,9 +74,9 @@ def test_the_controller_gets_committed_commands_and_plans_from_its_start_time():
         assert times[now] == pytest.approx(start_s - 0.03)
         np.testing.assert_array_equal(sent, commands[now - len(sent) : now] if now >= len(sent) else sent)
         np.testing.assert_allclose(sent[-1], commands[now - 1])
-        # What is said to come until then is what the plan before asks for; the smoother is within one step of it.
+        # The committed commands are those of the previous plan; the smoother is within one step of it.
         np.testing.assert_allclose(committed, commands[now : now + 3], atol=1.1e-3)
-    # The first plan asks for 1 mrad; the command must begin to move on the very tick for which it was made.
+    # The first plan moves by 1 mrad; the command must start on the tick for which it was made.
     first = round(seen[0][0] / TS)
     assert np.all(commands[:first] == 0)
     assert commands[first, 0] > 0
@@ -84,7 +84,7 @@ def test_the_controller_gets_committed_commands_and_plans_from_its_start_time():
 
 @pytest.mark.parametrize(("controller", "delay_s"), [(LookAhead, 0.05), (Mpc, 0.015)])
 def test_a_plan_is_made_for_its_effective_time(controller, delay_s):
-    """A plan that takes effect late, by less or more than a control period, is made for that time."""
+    """A plan delayed by less or more than a control period is computed for its effective time."""
     prompt = LoopBench(controller=controller(NECK)).run(4.0)
     delayed = LoopBench(controller=controller(NECK), settings=LoopSettings(compute_delay_s=delay_s)).run(4.0)
     assert error_deg(delayed, from_s=1.5).mean() < error_deg(prompt, from_s=1.5).mean() + 0.25
@@ -95,7 +95,7 @@ def test_a_plan_is_made_for_its_effective_time(controller, delay_s):
 @settings(max_examples=3, deadline=None)
 @given(nearest_m=st.floats(0.4, 2.0), speed_rad_s=st.floats(0.1, 1.0), rate=st.floats(1.0, 4.0))
 def test_a_near_head_limits_joint_speed(nearest_m, speed_rad_s, rate):
-    """A person sways fast at 2.5 m, comes near and goes; within the distance only braking is faster than the limit."""
+    """A person sways fast at 2.5 m, comes near and leaves; near, only braking exceeds the speed limit."""
 
     def head_m(time_s):
         away_m = 2.5 - (2.5 - nearest_m) * np.clip(min(time_s - 2.0, 6.0 - time_s), 0.0, 1.0)

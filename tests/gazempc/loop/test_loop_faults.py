@@ -1,4 +1,4 @@
-"""The loop when solver, controller, predictor or robot fail: named, within limits, and the gaze back after it."""
+"""The loop under failures of solver, controller, predictor or robot: events, limits, recovery of the gaze."""
 
 import dataclasses
 
@@ -49,7 +49,7 @@ class FailingController:
     ],
 )
 def test_a_short_solver_failure_is_bridged_by_the_last_plan(how, event):
-    """0.2 s without a plan: the rest of the last one is followed, and the gaze hardly notices."""
+    """0.2 s without a plan: the last plan is continued with little error."""
     log = LoopBench(controller=FailingController(how, 2.0, 2.2)).run(4.0)
     assert events(log) == {"no_observation_yet", event}
     assert error_deg(log, from_s=2.5).max() < 1.4  # 1.21 as measured
@@ -64,7 +64,7 @@ def test_a_long_solver_failure_stops_the_neck_until_recovery():
 
 
 def test_a_failed_trajectory_stops_the_neck_and_is_an_event(monkeypatch):
-    """Ruckig finds none for half a second: the neck stands within the time of a stop, and follows again."""
+    """Ruckig fails for half a second: the neck stops within its stopping time, and tracks again."""
     clock_s = [0.0]
 
     class NoWay(ruckig.Ruckig):
@@ -86,7 +86,7 @@ def test_a_failed_trajectory_stops_the_neck_and_is_an_event(monkeypatch):
 
 
 def test_after_a_solver_failure_the_smoother_keeps_the_limits():
-    """The person jumps aside, which is believed after 0.75 s. Then limits bind, and the solver may not iterate."""
+    """A lateral jump, accepted after 0.75 s, activates limits while the solver may not iterate."""
 
     class Sabotaged(Mpc):
         def __init__(self, neck):
@@ -121,7 +121,7 @@ def test_forecasts_of_a_failing_predictor_are_not_used_and_the_gaze_recovers(how
 
 
 def unplugged(start_s, stop_s):
-    """A robot that does not answer for a while, whatever it is asked."""
+    """A robot that raises at every call for a while."""
 
     def gone(now_s, state=None):
         if start_s <= now_s < stop_s:
@@ -132,7 +132,7 @@ def unplugged(start_s, stop_s):
 
 
 def test_after_robot_silence_commands_have_no_jump_and_the_gaze_recovers():
-    """Whether it stood still or moved on meanwhile: the command brakes, and returns to the last acknowledged one."""
+    """Standing or moving meanwhile: the command brakes, and returns to the last acknowledged one."""
     gone = unplugged(2.0, 2.6)
     bench = LoopBench(on_read=gone, on_send=gone)
     log = bench.run(6.0, answering=False)
@@ -149,7 +149,7 @@ def test_after_robot_silence_commands_have_no_jump_and_the_gaze_recovers():
 
 
 class Losing:
-    """A robot that does not acknowledge some commands: it answers nothing, or raises before or after it moves."""
+    """A robot that does not acknowledge some commands: no answer, or an error before or after the motion."""
 
     def __init__(self, clock, lost, how):
         self.inner, self.lost, self.how, self.handed = SimulatedNeck(NECK, np.zeros(2), clock.now_s), lost, how, []
@@ -179,7 +179,7 @@ def fast_walk_m(time_s):
     how=st.sampled_from(["returns nothing", "raises before", "raises after"]),
 )
 def test_possibly_executed_commands_form_one_motion_within_limits(runs, how):
-    """Any pattern of lost acknowledgements: `runs` are ticks that get through, then ticks that do not."""
+    """Any pattern of lost acknowledgements: `runs` are alternating counts of acknowledged and lost ticks."""
     bench = LoopBench(head_m=fast_walk_m)
     lost = [False] * 100 + [gone for well, ill in runs for gone in [False] * well + [True] * ill]
     robot = Losing(bench.clock, lost, how)

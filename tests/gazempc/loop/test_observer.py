@@ -1,4 +1,4 @@
-"""The joint observer against a plant whose truth is known."""
+"""The joint observer against a known plant."""
 
 import control
 import numpy as np
@@ -24,7 +24,7 @@ def variant(**of_both_axes):
 
 
 def follow(plant, seconds, model=NECK, age_s=0.0, stamped=True, seen=lambda t: True):
-    """Drive a neck to and fro; returns estimates and truth at each tick, and the offset in the end."""
+    """Drive a neck to and fro; returns estimates and truth at each tick, and the final offset."""
     now = 0.0
     robot = SimulatedNeck(plant, np.zeros(2), lambda: now, seed=1)
     robot.connect()
@@ -69,7 +69,7 @@ def test_encoder_noise_is_filtered():
 
 
 def test_a_delayed_measurement_is_used_at_its_stamp():
-    """With 40 ms of age and a load: by its stamp nothing is lost; taken for new, it is a phantom load."""
+    """With a delay of 40 ms and a load: used at its stamp it is exact; used as new it gives a spurious load."""
     plant = variant(load_offset_deg=1.0)
     estimates, truth, _ = follow(plant, 9.0, age_s=0.04)
     assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.1
@@ -80,7 +80,7 @@ def test_a_delayed_measurement_is_used_at_its_stamp():
 @pytest.mark.parametrize("name", ["reference", "slow"])
 @pytest.mark.parametrize("age_s", [0.0825, 0.24])
 def test_delayed_measurements_correct_an_error_once(name, age_s):
-    """Corrected again by each measurement that is as old, it would grow without bound."""
+    """Corrected repeatedly by delayed measurements, the estimate would diverge."""
     neck = load_neck(name)
     content = neck.model_dump()
     for axis in ("pan", "tilt"):
@@ -127,7 +127,7 @@ def test_the_load_estimate_of_a_blocked_joint_is_bounded():
     [
         JointState(0.5, np.array([np.nan, 0.0]), np.zeros(2)),
         JointState(0.5, np.array([1e300, 0.0]), np.zeros(2)),
-        JointState(0.496, np.ones(2), np.zeros(2)),  # far from where it can be
+        JointState(0.496, np.ones(2), np.zeros(2)),  # beyond its physical range
         JointState(0.7, np.ones(2), np.zeros(2)),  # from the future
     ],
 )
@@ -166,7 +166,7 @@ def test_a_repeated_measurement_counts_once():
     st.sampled_from([0.001, 0.005, 0.02]),
 )
 def test_the_observer_is_stable(natural_frequency_rad_s, damping_ratio, dead_time_s, period_s):
-    """Eigenvalues of the error's dynamics are inside the unit circle, for slow and quick joints."""
+    """Eigenvalues of the error dynamics are inside the unit circle, for slow and fast joints."""
     axis = Axis.model_validate(
         NECK.pan.model_dump()
         | {

@@ -53,7 +53,7 @@ SLOW_S = 0.03
 
 
 class SlowLater(ConstantVelocity):
-    """Forecasts for a plan are slow from the second one on."""
+    """Forecasts are slow from the second plan on."""
 
     plans = 0
 
@@ -86,7 +86,7 @@ DELAYED = LoopSettings(compute_delay_s=DELAY_TICKS * TS)
 
 
 class Told(Mpc):
-    """The MPC, which keeps what it was told of the commands before its plan."""
+    """An MPC that records the commands committed before its plan."""
 
     def __init__(self, neck):
         super().__init__(neck)
@@ -98,7 +98,7 @@ class Told(Mpc):
 
 
 def test_committed_commands_equal_those_sent():
-    """Also from the tick on at which a plan takes effect that still waits at the request."""
+    """Also from the tick at which a plan pending at the request takes effect."""
     controller = Told(NECK)
     log = LoopBench(controller=controller, settings=DELAYED).run(3.0)
     told = [each for each in controller.told if 1.0 < each[0] < 2.9]
@@ -112,7 +112,7 @@ def test_committed_commands_equal_those_sent():
 
 
 class Slow(ImmediatePlanner):
-    """Hands each answer on some ticks after the request."""
+    """A planner that delays each answer by some ticks."""
 
     def __init__(self, controller, clock, ticks):
         super().__init__(controller)
@@ -129,7 +129,7 @@ class Slow(ImmediatePlanner):
 
 @pytest.mark.parametrize("late_ticks", [16, 24])
 def test_a_plan_requested_before_robot_silence_is_discarded(late_ticks):
-    """The robot is silent for 50 ms. Plans requested before go on from commands that it may not have executed."""
+    """The robot is silent for 50 ms. Plans requested before start from commands that may not have been executed."""
     silent_s = (1.0, 1.05)
 
     def on_send(now_s):

@@ -1,4 +1,4 @@
-"""A place that outranks people: its path against the limits that were asked for, and a run that points."""
+"""Pointing at a place: the path against its requested limits, and a run."""
 
 import time
 
@@ -46,7 +46,7 @@ def test_a_point_has_priority_over_people_until_withdrawn():
     neck = gz.load_neck("reference")
     place_m, head_m = np.array([1.0, 0.6, -0.2]), np.array([2.0, -0.5, 0.3])
     with gz.Gaze("reference", "simulated", predictor="constant_velocity") as gaze:
-        gaze.point(place_m)  # before anyone is seen
+        gaze.point(place_m)  # before the first observation
 
         def looks_at(target_m):
             gaze.see(time.time() - 0.03, head_m + 0.001 * np.sin(50.0 * time.time()))

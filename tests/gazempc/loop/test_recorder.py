@@ -1,4 +1,4 @@
-"""The recorder: an event that lasts is written once; columns are one array of all rows, whatever the pieces."""
+"""The recorder: lasting events are recorded once; columns are one array of all chunks."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The smoother: follows plans exactly, never leaves the limits, stops when the plan ends."""
+"""The smoother: exact tracking of plans, limits, braking at the end of a plan."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def assert_within_limits(positions, first):
 
 
 def feasible_plan(seed, steps=40, share=0.99):
-    """A plan within the limits, from random jerks that a simple rule keeps away from them."""
+    """A plan within the limits, from random jerks with a simple margin rule."""
     rng = np.random.default_rng(seed)
     h = NECK.control_period_s
     p, v, a = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -81,7 +81,7 @@ def test_the_command_stays_within_limits_for_all_plans(targets):
 
 
 def test_a_ramp_is_caught_and_followed_without_lag():
-    """A ramp that starts 10 deg away is caught; after that the command is on it."""
+    """A ramp that starts 10 deg away is caught, then tracked exactly."""
     smoother = Smoother(NECK, np.zeros(2))
     speed = 0.4
     times = np.arange(0, 2.0, 0.02)
@@ -110,7 +110,7 @@ def test_the_command_brakes_after_the_end_of_a_plan():
 @pytest.mark.parametrize("region_deg", [(30.0, 60.0, -10.0, 20.0), (-60.0, -30.0, 5.0, 15.0), (-30.0, 30.0, -9.0, 9.0)])
 @pytest.mark.parametrize("at_max", [False, True])
 def test_a_command_leaves_the_end_of_a_range_without_zero(region_deg, at_max):
-    """A range without 0 is one, too: a neck that starts at the edge of its gaze region does not stay there."""
+    """Also a range without 0: a neck that starts at the edge of its gaze region leaves it."""
     neck = narrowed(NECK, region_deg, None)
     ends = neck.command_limits.position_min_rad, neck.command_limits.position_max_rad
     start, middle = ends[at_max], sum(ends) / 2.0
@@ -142,7 +142,7 @@ def test_the_duration_of_a_step_equals_the_closed_form():
 
 @given(seed=st.integers(0, 10_000))
 def test_a_plan_ending_at_full_acceleration_keeps_the_speed_limit(seed):
-    """Each plan speeds up to just below the limit and ends: there must be room to end its acceleration."""
+    """Each plan accelerates to just below the limit and ends: ending the acceleration needs a margin."""
     rng = np.random.default_rng(seed)
     h, fast, hard = NECK.control_period_s, LIMITS.velocity_max_rad_s, LIMITS.acceleration_max_rad_s2
     knots = [(np.zeros(2), np.zeros(2), np.zeros(2))]

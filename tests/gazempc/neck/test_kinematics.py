@@ -21,7 +21,7 @@ OFFSET = Geometry(tilt_axis_in_pan_m=(0.07, -0.03, 0.05), eye_in_tilt_m=(0.04, 0
 
 
 def metres(limit_m):
-    """Points on a grid of a tenth of a millimetre, zero included."""
+    """Points on a grid of 0.1 mm, zero included."""
     steps = round(limit_m * 1e4)
     return st.tuples(*[st.integers(-steps, steps).map(lambda i: i * 1e-4)] * 3)
 
@@ -63,14 +63,14 @@ def test_eye_angles_point_the_gaze_at_the_target():
 @given(
     geometry=geometries,
     direction=st.tuples(*[st.floats(-1, 1)] * 3),
-    distance=st.floats(0.6, 10.0),  # farther than any part of the neck reaches
+    distance=st.floats(0.6, 10.0),  # beyond the reach of every part of the neck
 )
 def test_look_at_points_the_gaze_at_the_target(geometry, direction, distance):
     assume(np.linalg.norm(direction) > 0.1)
     target = distance * np.array(direction) / np.linalg.norm(direction)
     lateral = abs(geometry.tilt_axis_in_pan_m[1] + geometry.eye_in_tilt_m[1])
     ground = float(np.hypot(target[0], target[1]))
-    # Nearer than this to the cylinder that the gaze can just touch, angles are ill-conditioned.
+    # Closer to the cylinder of tangent gaze rays, angles are ill-conditioned.
     assume(ground > lateral + 0.02)
     assert gaze_error_rad(geometry, look_at_rad(geometry, target), target) < 1e-9
 
@@ -111,18 +111,18 @@ def test_the_first_pan_is_within_half_a_turn_of_the_given_one(first, near):
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-6, 1e-3])
 def test_small_gaze_errors_are_exact(angle):
-    """arccos of a scalar product cannot tell 1e-9 rad from 0."""
+    """arccos of a scalar product cannot resolve 1e-9 rad."""
     target = 3.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
     assert gaze_error_rad(POINT, [0.0, 0.0], target) == pytest.approx(angle, rel=1e-6)
     assert gaze_error_rad(POINT, [0.0, angle], [3.0, 0.0, 0.0]) == pytest.approx(angle, rel=1e-6)
 
 
 def test_pan_is_unwrapped_to_the_reachable_side():
-    """Limits of +-163.7 deg; the person walks round behind, from 170 over 180 to -20 deg: follow on the other side."""
+    """Limits of +-163.7 deg; the person walks behind the robot from 170 over 180 to -20 deg: pan changes sides."""
     limits = np.radians([-163.7, 163.7])
     path = np.radians([[170.0, 0.0], [175.0, 0.0], [-175.0, 0.0], [-120.0, 0.0], [-20.0, 0.0]])
     assert np.degrees(unwrap_pan(path, np.radians(160.0), *limits)[-1, 0]) == pytest.approx(-20.0)
-    # Right behind, both ways are as good: stay on the side where the neck is.
+    # Straight behind, both directions are equivalent: stay on the current side.
     behind = np.radians([[179.0, 0.0], [-179.0, 0.0]])
     for side in (-160.0, 160.0):
         assert np.sign(unwrap_pan(behind, np.radians(side), *limits)[:, 0]) == pytest.approx(np.sign(side))

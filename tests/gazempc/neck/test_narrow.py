@@ -1,4 +1,4 @@
-"""Limits made narrower: by a region, a speed, the picture, and by laws of human motion."""
+"""Narrowed limits: by a region, a speed, the field of view, and human motion."""
 
 import math
 
@@ -19,7 +19,7 @@ REGION = (-20.0, 30.0, -5.0, 15.0)
 
 
 def sums(neck, angles_deg):
-    """Pan and tilt of the gaze: the sums of the joints about the vertical, and of those up and down."""
+    """Pan and tilt of the gaze: sums of the yaw joints and of the pitch joints."""
     by_name = dict(zip(neck.joint_names, angles_deg.T, strict=True))
     about = [by_name[name] for name in ("pan", "eye_pan", "body_yaw") if name in by_name]
     up = [by_name[name] for name in ("tilt", "eye_tilt") if name in by_name]
@@ -123,13 +123,13 @@ NECKS = [load_neck(name) for name in ("reference_eyes", "furhat", "icub")]
 
 
 def strong(axis):
-    """A motor that bears everything, behind a quick servo."""
+    """An axis with very high limits and a fast servo."""
     limits = {"velocity_max_rad_s": 50.0, "acceleration_max_rad_s2": 5000.0, "jerk_max_rad_s3": 1e7}
     return axis.model_copy(update=limits | {"natural_frequency_rad_s": 250.0})
 
 
 def peak_rad_s(axis, amplitude_rad):
-    """Peak velocity of a joint that is sent the fastest symmetrical motion within velocity and acceleration."""
+    """Peak velocity of a joint under the time-optimal symmetric motion within velocity and acceleration limits."""
     a, v, step_s = axis.acceleration_max_rad_s2, axis.velocity_max_rad_s, 0.5e-3
     top = min(v, math.sqrt(a * amplitude_rad))
     total_s = amplitude_rad / top + top / a
@@ -147,7 +147,7 @@ def peak_rad_s(axis, amplitude_rad):
 
 
 def test_a_strong_neck_has_human_peak_velocities():
-    """Sampled through the servo: the head within a tenth over shifts of 20 to 70 deg, the eyes over 10 to 30 deg."""
+    """Simulated with the servo: the head within a tenth for shifts of 20 to 70 deg, the eyes for 10 to 30 deg."""
     eyes = {"pan": strong(NECKS[0].eyes.pan), "tilt": strong(NECKS[0].eyes.tilt)}
     neck = NECKS[0].model_copy(update={"pan": strong(NECKS[0].pan), "tilt": strong(NECKS[0].tilt), "eyes": eyes})
     human = with_motion(neck, "human")

@@ -1,4 +1,4 @@
-"""Necks: the shipped figures, limits on the command that bind the joint too, and errors a person can act on."""
+"""Necks: shipped parameters, command limits that bound the joint, and error messages."""
 
 import re
 from importlib.resources import files
@@ -77,7 +77,7 @@ def smooth(raw, neck):
     for limit in bounds:
         n = int(np.ceil(2.0 * bound / (limit[0] * dt)))
         bound = 2.0 * bound / (n * dt)
-        # Held before the start, so that the joint begins at rest on the command.
+        # Constant before the start, so that the joint starts at rest at the command.
         command = np.convolve(np.concatenate([np.full(n - 1, command[0]), command]), np.full(n, 1.0 / n), "valid")
     for order, limit in enumerate(bounds, 1):
         assert np.all(np.abs(np.diff(command, order)) <= limit[0] * dt**order * (1 + 1e-6))
@@ -95,7 +95,7 @@ def joint_that_follows(command, neck):
 
 
 def excess(joint, neck):
-    """How far the joint gets, as a share of the limit that it comes nearest to (1 is on the limit)."""
+    """Largest ratio of the joint's motion to its limits (1 is on the limit)."""
     centre = 0.5 * (neck.position_max_rad[0] + neck.position_min_rad[0])
     shares = [float(np.max(np.abs(joint - centre))) / float(neck.position_max_rad[0] - centre)]
     limits = (neck.velocity_max_rad_s[0], neck.acceleration_max_rad_s2[0], neck.jerk_max_rad_s3[0])
@@ -117,7 +117,7 @@ def test_commands_within_their_limits_keep_the_joint_within_its_limits(zeta, jer
 
 
 def test_the_command_limits_are_tight():
-    """The worst command, which reverses at the servo's resonance, brings a lively joint to its limit."""
+    """The worst-case command, switching at the servo's resonance, drives an underdamped joint to its limit."""
     neck = neck_of(axis(damping_ratio=0.3, velocity_max_rad_s=50.0, acceleration_max_rad_s2=1e4, jerk_max_rad_s3=1e7))
     half_period = round(np.pi / (12.0 * np.sqrt(1 - 0.3**2)) / neck.servo_period_s)
     raw = np.repeat([(-1.0) ** i for i in range(20)], half_period)
@@ -137,7 +137,7 @@ def test_rest_is_straight_ahead_clamped_to_the_limits(low, high, rests_at):
 
 
 def refusal(tmp_path, text):
-    """Lines of the error that a file with this text raises, each checked to begin with the file's path."""
+    """Lines of the error for a file with this text; each must begin with the file's path."""
     path = tmp_path / "mine.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(SettingsError) as caught:
@@ -239,7 +239,7 @@ def test_a_speed_table_is_read_from_a_neck_file(tmp_path):
     assert neck.pan.speed_steps.fastest_rad_s == 1.4
     assert neck.tilt.speed_steps is None
     assert neck.model_copy(update={"name": "copy"}).pan.speed_steps == neck.pan.speed_steps
-    # The top speed of the joint is one that the device has in both directions.
+    # The joint's top speed is available in both directions.
     path.write_text(text.replace("0.5, 1.4]", "0.5, 1.3]"))
     with pytest.raises(SettingsError, match="velocity_max_rad_s"):
         load_neck(path)

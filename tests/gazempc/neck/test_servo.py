@@ -1,4 +1,4 @@
-"""The delayed servo against closed forms and the matrix exponential; with speeds, against scipy's integration."""
+"""The delayed servo against closed forms and the matrix exponential; speed commands against SciPy's integration."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def step_response(times_s, wn, zeta):
 
 
 def replay(joint, commands, look_s, period_s=TICK_S, start=0.0):
-    """States at given times of a joint that starts at rest and is sent one command a period, from time 0 on."""
+    """States at given times of a joint, initially at rest, with one command per period from time 0 on."""
     servo = DelayedServo(joint, start)
     sends = [(k * period_s, 1, float(u)) for k, u in enumerate(commands)]
     looks = [(float(t), 0, 0.0) for t in look_s]
@@ -67,7 +67,7 @@ def test_zero_order_hold_is_the_matrix_exponential(zeta, dt_s):
 @pytest.mark.parametrize("zeta", [0.3, 1.0, 1.6])
 @pytest.mark.parametrize("dead_time_s", DEAD_TIMES_S)
 def test_the_motion_is_the_superposition_of_step_responses(dead_time_s, zeta):
-    """Random commands as steps, each answered by the closed form."""
+    """Random commands as sums of closed-form step responses."""
     commands = np.random.default_rng(6).uniform(-1, 1, 120)
     look_s = np.linspace(0.0011, 0.9, 77)
     steps = np.diff(np.concatenate([[0.0], commands]))
@@ -98,7 +98,7 @@ def speed_axis(dead_time_s, zeta=0.9):
 
 
 def integrated(joint, until_s):
-    """Velocity servo and its integral, by scipy, piece by piece between the times at which the speed changes."""
+    """Velocity servo and its integral by SciPy, piecewise between changes of the speed."""
     wn, zeta = joint.natural_frequency_rad_s, joint.damping_ratio
     state, now_s, speed = np.zeros(3), 0.0, 0.0
     for sent_s, next_speed in (*SPEEDS, (np.inf, 0.0)):
@@ -186,9 +186,9 @@ def test_between_periods_the_prediction_is_linear():
     committed=st.lists(st.floats(-1, 1), max_size=4),
 )
 def test_the_state_after_the_dead_time_equals_the_simulated_joint(dead_times_s, rate_hz, zeta, commands, committed):
-    """What is sent after the committed commands cannot act before the dead time is over: the joints must end up there.
+    """Commands after the committed ones cannot act within the dead time: the simulated joints must reach this state.
 
-    Pan and tilt have dead times of their own. The tolerance is that of times, 1 ns: by so much the last command may
+    Pan and tilt have different dead times. The tolerance corresponds to 1 ns, by which the last command may
     act early.
     """
     neck = with_joints(dead_times_s, rate_hz, zeta)

@@ -1,4 +1,4 @@
-"""Choice of the attended person: policies, hysteresis, dwell time, limits; the published measure of engagement."""
+"""Selection of the attended person: policies, hysteresis, dwell time, limits; the published engagement measure."""
 
 import math
 
@@ -33,7 +33,7 @@ def attention(policy="nearest", **settings):
 
 
 def run(attending, people_at, seconds, from_s=0.0):
-    """Times of the ticks and the attended numbers."""
+    """Tick times and attended track numbers."""
     times_s = from_s + np.arange(round(seconds / TICK_S)) * TICK_S
     return times_s, [attending.update(people_at(t), t).number for t in times_s.tolist()]
 
@@ -133,7 +133,7 @@ def test_contradictory_limits_are_refused(limits):
 
 
 def watcher(distance_m, off_deg=0.0, number=1):
-    """A person straight ahead who looks past the robot by an angle."""
+    """A person straight ahead whose gaze misses the robot by an angle."""
     quat = Rotation.from_euler("z", 180.0 + off_deg, degrees=True).as_quat(scalar_first=True)
     return PersonState(number, None, 0.0, np.array([distance_m, 0.0, 0.0]), np.zeros(3), quat, 0.0, 0.0)
 

@@ -1,4 +1,4 @@
-"""When to look away, by itself and in a replay; limits, whatever people, policies and looks away come."""
+"""Schedule of looks away, alone and in a replay; limits under any people, policies and looks away."""
 
 from itertools import pairwise
 
@@ -41,7 +41,7 @@ def forecast(times_s):
 
 
 def run_for(look_aways, seconds, from_s=0.0):
-    """All planned looks away over some time, polled at the loop's rate."""
+    """All looks away planned in some time, polled at the loop's rate."""
     found = {}
     for k in range(int(seconds / 0.02)):
         now_s = from_s + 0.02 * k
@@ -89,7 +89,7 @@ def test_the_gaze_stays_averted_until_the_utterance():
     assert look_aways.speech_starts(10.0, 13.0)
     [away] = look_aways.planned(10.0)
     assert (away.start_s, away.end_s) == pytest.approx((11.97, 13.0))
-    assert not look_aways.speech_starts(20.0, 20.3)  # told too late
+    assert not look_aways.speech_starts(20.0, 20.3)  # announced too late
     assert look_aways.left_out == 1
 
 
@@ -138,7 +138,7 @@ def test_the_gaze_leaves_and_returns_one_dead_time_late():
 
 @pytest.mark.parametrize(("rhythm", "speed_max_rad_s"), [("listening", 0.1), ("told", None)])
 def test_an_infeasible_look_away_is_omitted_with_an_event(rhythm, speed_max_rad_s):
-    """A neck that is too slow for even a small look away, and an utterance that is told of too late."""
+    """A neck too slow for a small look away, and an utterance announced too late."""
     scene = standing_together(1.6, [2.5, 0.0, 0.3])
     loop = LoopSettings(speed_max_rad_s=speed_max_rad_s)
     look_aways = LookAways(narrowed(scene.neck, None, speed_max_rad_s), rhythm)
@@ -160,7 +160,7 @@ MPC = Mpc(NECK)
 
 
 class Whim:
-    """Scores at random, raises at times, and returns wrong lengths."""
+    """A policy with random scores, exceptions and wrong lengths."""
 
     def __init__(self, rng):
         self._rng = rng
@@ -180,7 +180,7 @@ class Whim:
 def seen_at(rng, time_s, places_m, names):
     for k, place_m in enumerate(places_m):
         if k == 0 and 1.5 < time_s < 2.5:
-            # The tracker stands frozen at one of them.
+            # The tracker is frozen at one of them.
             yield Sighting(time_s, HeadObservation(time_s - 0.066, FROZEN_M, TURNS[rng.integers(2)]))
             continue
         if rng.random() < 0.2:

@@ -1,4 +1,4 @@
-"""Several people: association of detections with tracks."""
+"""Multi-person tracking: association of detections with tracks."""
 
 from dataclasses import replace
 
@@ -36,12 +36,12 @@ def frame(time_s, positions_m, names=None, noise_m=0.0, rng=None):
 
 
 def shown(crowd, frames):
-    """Show frames; gives what became of each detection, a list a frame."""
+    """Feed frames; returns the outcome of each detection, a list per frame."""
     return [crowd.see(each) for each in frames]
 
 
 def stand(crowd, places_m, seconds=0.5, names=None, from_s=0.0):
-    """Show people who stand; gives the time of the last frame."""
+    """Feed standing people; returns the time of the last frame."""
     for k in range(round(seconds / FRAME_S)):
         crowd.see(frame(from_s + k * FRAME_S, places_m, names))
     return from_s + (round(seconds / FRAME_S) - 1) * FRAME_S
@@ -63,7 +63,7 @@ def test_crossing_walkers_keep_their_track_numbers_without_names(behind_m):
     one = straight([2.0, -1.5, 0.4], [0.0, 1.0, 0.0], TIMES_S)
     other = straight([2.0 + behind_m, 1.5, 0.4], [0.0, -1.0, 0.0], TIMES_S)
     crowd, rng = people(), np.random.default_rng(0)
-    # The order of the detections changes, and tells nothing.
+    # The order of the detections varies and is not used.
     orders = [slice(None, None, -1 if k % 2 else 1) for k in range(TIMES_S.size)]
     frames = [frame(t, [one[k], other[k]][orders[k]], rng=rng, noise_m=0.01) for k, t in enumerate(TIMES_S)]
     found = [numbers[orders[k]] for k, numbers in enumerate(shown(crowd, frames))]
@@ -84,7 +84,7 @@ def test_swapped_names_do_not_swap_tracks():
 
 
 def test_names_resolve_ambiguous_associations():
-    """Two people 0.3 m apart, and a tracker with an error of 0.15 m: positions alone do not separate them."""
+    """Two people 0.3 m apart with a position error of 0.15 m: positions alone are ambiguous."""
 
     def share_kept(names):
         crowd, rng = people(), np.random.default_rng(1)
@@ -130,7 +130,7 @@ def test_late_first_detections_give_the_forecast_of_ordered_ones():
 @pytest.mark.parametrize(
     ("late_s", "there_m", "name"),
     [
-        (2 * FRAME_S, [A_M], ""),  # seen at that time already
+        (2 * FRAME_S, [A_M], ""),  # already observed at that time
         (2.5 * FRAME_S, [A_M], "another"),
         (2.5 * FRAME_S, [A_M, A_M + np.array([0.0, 0.3, 0.0])], ""),  # it may be either one's
     ],
@@ -148,7 +148,7 @@ def test_a_track_ends_after_the_coasting_time():
     end_s = stand(crowd, [A_M, B_M])
     assert numbers_at(crowd, end_s + 0.4) == [1, 2]
     assert numbers_at(crowd, end_s + 0.6) == []
-    assert crowd.track(1) is not None  # nothing was seen since: it may still be that frames are late
+    assert crowd.track(1) is not None  # no later frame: frames may still be late
     stand(crowd, [A_M * 3], from_s=end_s + 0.7)
     assert crowd.track(1) is None
 
@@ -171,7 +171,7 @@ def test_a_name_at_an_impossible_distance_is_another_person():
 
 
 def test_queued_observations_are_processed_on_demand():
-    """The forecast of a person who was unattended equals that of one who was attended."""
+    """The forecast of an unattended person equals that of an attended one."""
     walk = straight([2.0, -1.5, 0.4], [0.2, 1.0, 0.0], TIMES_S)
     crowd, alone = People(Walker), Walker()
     for k, t in enumerate(TIMES_S):

@@ -1,4 +1,4 @@
-"""Faults of a tracker: a frozen one, jumps of the yaw, late first frames, forecasts out of reach."""
+"""Faults of a tracker: freezing, yaw jumps, late first frames, unreachable forecasts."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ def sighting(time_s, head_m, sensor_m=None):
 
 
 def frozen_at(path_m, rate_hz, sensor_m=None):
-    """Times from the start at which a tracker that gives these positions counts as frozen."""
+    """Times from the start at which a tracker with these positions counts as frozen."""
     tracker = FrozenTracker()
     times_s = np.arange(len(path_m)) / rate_hz
     moving = [None] * len(path_m) if sensor_m is None else sensor_m
@@ -71,7 +71,7 @@ def test_tracker_noise_is_neither_walking_nor_frozen():
 
 
 def test_on_a_moving_head_freezing_is_judged_in_the_sensor_frame():
-    """Frozen there, the position moves with the head in the base frame; who stands seems to move in the sensor's."""
+    """Frozen in the sensor frame, the position moves in the base frame; a standing person moves in the sensor frame."""
     frames = np.arange(90)
     pan_rad = 0.02 * frames
     turning = np.stack([2.0 * np.cos(pan_rad), 2.0 * np.sin(pan_rad), 0.3 + 0.0 * pan_rad], axis=1)
@@ -90,7 +90,7 @@ def seen(time_s, head_rad=None, pelvis_rad=None):
 
 
 def known(jumps, observations):
-    """Which orientations are left of each, and how many events there were."""
+    """Orientations kept per observation, and the number of events."""
     found = [jumps.without(o) for o in observations]
     kept = [(o.head_quat_wxyz is not None, o.pelvis_quat_wxyz is not None) for o, _ in found]
     return kept, sum(first for _, first in found)
@@ -104,7 +104,7 @@ def test_an_orientation_that_flips_at_every_frame_is_never_used():
 
 
 def test_human_turns_and_wraps_at_pi_are_accepted():
-    # 500 degrees a second, which is as fast as heads turn, all round.
+    # 500 deg/s, the peak speed of heads, over full turns.
     observations = [seen(i / 10.0, np.radians(50.0) * i, -np.radians(50.0) * i) for i in range(30)]
     assert known(OrientationJumps(), observations) == ([(True, True)] * 30, 0)
     # A turn between frames that are far apart, or around a frame without orientation, is possible.
@@ -132,7 +132,7 @@ LATER_S = np.arange(0.5, 1.3, 0.1)
 
 
 def frame(time_s, person_id=None, aside_m=0.0, confidence=None):
-    """A person who walks past at 1.2 m/s, seen by a noisy tracker."""
+    """A person who passes at 1.2 m/s, with a noisy tracker."""
     noise_m = 0.01 * np.random.default_rng(round(1e3 * time_s)).standard_normal(3)
     head_m = np.array([2.5 + aside_m, 1.2 * time_s - 2.0, 0.4]) + noise_m
     return HeadObservation(time_s, head_m, person_id=person_id, confidence=confidence)
@@ -238,7 +238,7 @@ def test_forecast_displacement_is_bounded_by_running_speed(speed_m_s):
 
 @pytest.mark.parametrize(("aside_m_s", "most_deg"), [(0.3, 90.0), (-3.0, 60.0)])
 def test_forecasts_leave_the_picture_by_at_most_half_its_width(aside_m_s, most_deg):
-    """The camera looks to the left by 90 deg; half of its picture are 30 deg."""
+    """The camera points 90 deg to the left; half of its field of view is 30 deg."""
     axes = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     view = CameraView(np.array([0.1, 0.0, 0.0]), axes, (np.pi / 6, np.pi / 8))
     track, recorder = PersonTrack(ConstantVelocity(), LoopSettings()), make_recorder()

@@ -1,4 +1,4 @@
-"""ROS 2 bags as recordings: known walks come back in the frame that is asked for, and what else is there is said."""
+"""ROS 2 bags as recordings: known walks in the requested frame, and notes on other content."""
 
 import json
 
@@ -42,7 +42,7 @@ def facing_rows(name, turn, parent=OPTICAL):
     return face_rows(name, START_S + T, WALK_OPTICAL, parent, wxyz(turn))
 
 
-# x out of the face, to the sensor; z up; seen in optical axes.
+# x out of the face, towards the sensor; z up; in optical axes.
 TO_SENSOR = Rotation.from_quat(TO_OPTICAL, scalar_first=True).inv() * Rotation.from_euler("z", np.pi)
 
 
@@ -53,7 +53,7 @@ def test_a_face_is_read_in_the_sensor_frame_from_folder_or_file(tmp_path, storag
     assert (walk.kind, walk.has_robot, walk.name) == ("tracked", True, "bag")
     np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
     np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
-    np.testing.assert_allclose(walk.truth.head_position_m, WALK, atol=1e-6)  # a straight walk is as smooth as can be
+    np.testing.assert_allclose(walk.truth.head_position_m, WALK, atol=1e-6)  # unchanged by smoothing
     np.testing.assert_allclose(walk.delays_s, 0.05, atol=1e-6)
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", np.pi), 1e-5)
     assert "face_a, 60 frames in camera_color_optical_frame, optical axes turned" in walk.notes[0]
@@ -80,7 +80,7 @@ def test_face_axes_are_inferred_from_the_viewing_direction(tmp_path):
 
 
 def test_orientations_with_ambiguous_axes_are_omitted_and_named(tmp_path):
-    # One axis is nearest to up and to the sensor alike.
+    # One axis is nearest both to up and to the sensor.
     x = np.array([-1.0, 0.0, 1.0]) / np.sqrt(2.0)
     y = np.cos(0.7) * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0) + np.sin(0.7) * np.array([0.0, 1.0, 0.0])
     seen = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))

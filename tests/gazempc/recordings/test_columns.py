@@ -1,4 +1,4 @@
-"""Mappings of columns: units, axes, orders, times and people, on tables whose walk is known; proposals for others."""
+"""Column mappings: units, axes, orders, times and people, on tables of a known walk; proposed mappings."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Synthetic people who stand, gesture, turn, start and stop: reproducible, in view, and moving as people do."""
+"""Synthetic people who stand, gesture, turn, start and stop: reproducible, in view, with human kinematics."""
 
 import csv
 
@@ -56,7 +56,7 @@ def test_standing_people_stay_on_the_spot(people):
 
 
 def test_walking_speed_is_reached_and_left_within_3_steps(people):
-    """A step takes 0.5 to 0.7 s; the window of the speed adds 0.3 s."""
+    """A step takes 0.5 to 0.7 s; the speed window adds 0.3 s."""
     for person in of(people, "start", "stop"):
         speed = speed_m_s(person.truth.pelvis_position_m)
         speed = speed if person.name.endswith("start") else speed[::-1]
@@ -87,7 +87,7 @@ def starting(rate_hz=30.0, at_s=2.0, acceleration=1.0, seconds=6.0):
 def test_the_start_is_where_the_speed_passes_0_3_m_s(rate_hz):
     found = travel(*starting(rate_hz))
     assert found.leaves
-    # At a low rate the path is known to a frame only.
+    # At a low rate the path is resolved to a frame only.
     assert found.start_s == pytest.approx(2.3, abs=max(1 / 30, 0.5 / rate_hz) + 1e-9)
 
 

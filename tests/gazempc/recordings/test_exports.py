@@ -1,4 +1,4 @@
-"""Files as other programs export them: each is read without an option, and gives back the walk that was written."""
+"""Exports of other programs: each is read without options and returns the written walk."""
 
 from functools import partial
 
@@ -16,7 +16,7 @@ CAMERA_M = np.array([-2.0, 0.0, 1.2])
 
 
 def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=None, times_s=Walk.times_s):
-    """What was read is the walk; what is not given is unknown."""
+    """The recording is the walk; parts not given are unknown."""
     track = recording.measured or recording.truth
     np.testing.assert_allclose(recording.times_s - recording.times_s[0], times_s, atol=2e-6)
     np.testing.assert_allclose(track.head_position_m, head_m, atol=2e-6)

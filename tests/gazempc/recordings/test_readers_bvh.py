@@ -1,4 +1,4 @@
-"""BVH: hand-computed skeletons and those of many programs come back; damage is named with file, line, remedy."""
+"""BVH: hand-computed skeletons and those of many programs; errors with file, line and remedy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Azure Kinect JSON: known motion comes back in level axes; damage is named with file, place and remedy."""
+"""Azure Kinect JSON: known motion in level axes; errors with file, place and remedy."""
 
 import json
 
@@ -77,7 +77,7 @@ def _turn_noses(content):
 
 
 def _put(value, *keys):
-    """Another value at a place; None takes the key away."""
+    """Replace a value; None removes the key."""
 
     def change(content):
         for key in keys[:-1]:

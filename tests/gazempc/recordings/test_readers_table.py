@@ -1,4 +1,4 @@
-"""CSV, Parquet and arrays: what is written or given is read back; all damage is named with file, place and remedy."""
+"""CSV, Parquet and arrays: round trips; errors with file, place and remedy."""
 
 import csv
 

@@ -1,4 +1,4 @@
-"""The synthetic data set: exact reproducibility, people who walk like people, and the room that they walk in."""
+"""The synthetic data set: exact reproducibility, human gait, and the room."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def travel_rate(walk):
 
 
 def lead_s(early, late):
-    """By how much `early` leads `late`: the peak of their cross-correlation, within 0.6 s."""
+    """Time by which `early` leads `late`: the peak of their cross-correlation, within 0.6 s."""
     lags = np.arange(-18, 19)
     count = len(early)
     similarity = [

@@ -1,4 +1,4 @@
-"""Figures and animation: they exist, are not blank, and say what the metrics say."""
+"""Figures and animation: not blank, and consistent with the metrics."""
 
 from dataclasses import replace
 
@@ -78,7 +78,7 @@ def test_the_animation_has_the_duration_of_the_run(logs, tmp_path):
     assert durations_ms == [FRAME_MS] * (len(times_s) - 1) + [LAST_FRAME_MS]
     assert frames[0].shape == (300, 450, 3)
     assert np.abs(frames[-1] - frames[0]).max() > 50
-    # Compression keeps the unchanged: the corner is the background in the last frame, too.
+    # Inter-frame compression: the corner is background in the last frame, too.
     assert (frames[-1][-2:, -2:] == 255).all()
 
 

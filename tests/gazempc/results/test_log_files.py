@@ -1,4 +1,4 @@
-"""Files of a log: written and read to the last bit, joined, as tables, and as MCAP read by the `mcap` library."""
+"""Files of a log: bit-exact round trips, joins, tables, and MCAP read by the `mcap` library."""
 
 import dataclasses
 import json
@@ -93,7 +93,7 @@ def test_mcap_gaze_errors_equal_the_metrics(log, path):
     observed = np.where((newest < 0)[:, None], np.nan, log.head_observed_base_m[newest])
     expected = np.rad2deg(gaze_error_rad(log.neck.geometry, log.joint_position_rad, observed))
     np.testing.assert_allclose(column(path, "/metrics", "gaze_to_observed_deg"), expected, rtol=1e-12)
-    # What only a run itself knows is not made up.
+    # Values available in a run only are absent.
     assert np.isnan(column(path, "/metrics", "late_ms")).all()
 
 
@@ -109,7 +109,7 @@ def test_transforms_compose_from_base_to_eye(log, path):
 
 
 def test_the_camera_frame_equals_the_mount(log, tmp_path):
-    """Its frame takes an observation where the run takes it."""
+    """Its transform places an observation as the run does."""
     mount = Mount(on="head", position_m=(0.05, 0.0, 0.1), roll_pitch_yaw_deg=(3.0, 10.0, -20.0))
     run = log.run.model_copy(update={"settings": {"mount": mount.model_dump(mode="json")}})
     write_mcap(cut(dataclasses.replace(log, run=run), 0.0, 1.3), tmp_path / "mounted.mcap")

@@ -1,4 +1,4 @@
-"""Every figure of the table, computed again from the log by other means."""
+"""Every metric of the table, recomputed from the log independently."""
 
 import dataclasses
 
@@ -58,7 +58,7 @@ def test_gaze_metrics(log):
 
 
 def test_overshoot_of_a_damped_oscillation_about_a_still_head(log):
-    """By hand: 30 deg aside, a damped swing about straight ahead; only the second that follows arrival counts."""
+    """By hand: from 30 deg, a damped oscillation about straight ahead; only the second after arrival counts."""
     neck = load_neck("reference")
     time_s = np.arange(600) * 0.005
     swing_deg = 30.0 * np.exp(-time_s / 0.5) * np.cos(2 * np.pi * time_s / 0.8)
@@ -67,7 +67,7 @@ def test_overshoot_of_a_damped_oscillation_about_a_still_head(log):
     for moved, passed_deg in (
         (joints, -swing_deg.min()),
         (-joints, -swing_deg.min()),
-        (np.abs(joints), 0.0),  # comes up to the head and stays short of it
+        (np.abs(joints), 0.0),  # approaches the head without reaching it
         (joints * [0.0, 1.0] + [0.5, 0.0], np.nan),  # never arrives
         (0.2 * joints, np.nan),  # near from the start
     ):
@@ -94,7 +94,7 @@ def test_every_kind_of_violation_is_counted(log, which, order):
     t = log.time_s
     names = ("position_max_rad", "velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3")
     limits = [getattr(NECK, name)[0] for name in names]
-    # A quiet motion whose derivative of one order alone passes its limit.
+    # A smooth motion that violates the limit of one derivative only.
     frequency = (0.01, 1.2, 8.0, 40.0)[order]
     amplitude = 1.02 * limits[order] / frequency**order
     motion = np.zeros((t.size, 2))
@@ -204,7 +204,7 @@ def pan_swings(time_s, read_s):
 
 
 def jittered(seed=1):
-    """Ticks of a busy computer: most a little late, some by nearly a period, some left out."""
+    """Ticks of a loaded computer: most slightly late, some by nearly a period, some missing."""
     rng = np.random.default_rng(seed)
     late_s = np.minimum(rng.exponential(0.0005, EVEN_S.size), 0.99 * PERIOD_S)
     late_s[rng.random(EVEN_S.size) < 0.02] = 0.98 * PERIOD_S
@@ -230,7 +230,7 @@ def test_motion_metrics_at_even_and_uneven_ticks():
 
 
 def test_repeated_and_missing_readings_do_not_bias_derivatives():
-    """Every reading stands in the log for three ticks; some ticks have none."""
+    """Every reading is repeated for three ticks; some ticks have none."""
     read_s = EVEN_S[(np.arange(EVEN_S.size) // 3) * 3] - 0.002
     log = pan_swings(EVEN_S, read_s)
     silent = (EVEN_S > 3.0) & (EVEN_S < 3.1)
@@ -252,7 +252,7 @@ def test_derivatives_are_exact_for_polynomials_at_any_times():
 
 
 def test_head_and_eyes_have_separate_metrics():
-    """Eyes that cancel the head: the gaze stands still, the head does not, and the eyes are where the head was."""
+    """Eyes that compensate the head: constant gaze, moving head, and eyes opposite to the head."""
     head_rad = swing_rad(EVEN_S)
     joints = np.stack([head_rad, 0.0 * EVEN_S, -head_rad, np.full_like(EVEN_S, 0.1)], axis=1)
     found = measure(moved(EYES, joints, EVEN_S))

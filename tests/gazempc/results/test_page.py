@@ -1,4 +1,4 @@
-"""The report: it has the numbers of the metrics, needs no other file, and shows foreign text as text; the table."""
+"""The report: values of the metrics, self-containment, escaped text; the table."""
 
 import dataclasses
 import json
@@ -57,7 +57,7 @@ def test_values_and_curves_equal_those_of_the_log(logs, tmp_path):
     for curve, log in zip(data["curves"], logs.values(), strict=True):
         assert curve["xs"] == pytest.approx(log.time_s - log.time_s[0], rel=1e-4)
         assert np.array(curve["ys"], float) == pytest.approx(gaze_error_deg(log), rel=1e-4, abs=1e-9, nan_ok=True)
-    # A print without colours tells them apart.
+    # Distinguishable in a print without colours.
     assert len({path["stroke-dasharray"] for path in soup.select(".legend path")}) == len(logs)
 
 
@@ -161,7 +161,7 @@ def test_curves_have_cursor_values_and_zoom_in_a_browser(logs, tmp_path):
         driver.find_element("css selector", ".legend button").click()
         assert len(chart.find_elements("css selector", "path.curve")) == len(logs) - 1
 
-        # On paper nothing can be unfolded.
+        # Folded content is shown in print.
         for event, unfolded in (("beforeprint", 1), ("afterprint", 0)):
             driver.execute_script("dispatchEvent(new Event(arguments[0]))", event)
             assert len(driver.find_elements("css selector", "details[open]")) == unfolded

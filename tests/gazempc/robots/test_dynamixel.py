@@ -1,4 +1,4 @@
-"""Two Dynamixel motors behind a pseudo-terminal: never a wrong angle, never a jump, and back after every fault."""
+"""Two Dynamixel motors behind a pseudo-terminal: no wrong angle, no jump, recovery after every fault."""
 
 import itertools
 import math
@@ -31,12 +31,12 @@ TICK_RAD = 2 * math.pi / 4096
 PATIENT_MS, HASTY_MS = 2000.0, 200.0
 links = itertools.count()
 
-# No approach: the first command is taken at once.
+# No approach: the first command is executed at once.
 AT_ONCE_RAD_S = 1e9
 
 
 class Rig:
-    """A neck, its two motors (ids 1 and 2) and a clock that stands until it is moved."""
+    """A neck, its two motors (ids 1 and 2) and a manual clock."""
 
     def __init__(self, folder, start=(2048, 2048), mode=3, spec=NECK, **options):
         self.now_s, self.spec = 0.0, spec
@@ -51,7 +51,7 @@ class Rig:
         )
 
     def goals(self):
-        """What the motors hold; taken after the bus has worked off all that was sent."""
+        """Goals of the motors, read after the bus has processed all packets."""
         return np.array(self.values("goal"))
 
     def values(self, name):
@@ -62,13 +62,13 @@ class Rig:
             return [motor.get(name) for motor in self.motors.values()]
 
     def refuses(self, match=""):
-        """Readings and commands are errors."""
+        """Readings and commands raise."""
         for call in (self.neck.read_state, lambda: self.neck.send_command(np.zeros(2))):
             with pytest.raises(RobotError, match=match):
                 call()
 
     def recover(self, calls=30):
-        """Call until it works again; returns the state and how often it failed."""
+        """Call until recovery; returns the state and the number of failures."""
         for failures in range(calls):
             self.now_s += 0.11
             try:
@@ -138,7 +138,7 @@ def test_signs_and_units_equal_values_by_hand(tmp_path):
     ("mode", "start", "holds_at"),
     [
         (3, (1500, 2500), (1500, 2500)),
-        # Turned by hand, the position has counted on; with torque on in position mode it is within one turn again.
+        # Turned by hand, the position is multi-turn; with torque on in position mode it is within one turn again.
         (3, (1500 + 4096, 2500 - 8192), (1500, 2500)),
         (4, (1500 + 4096, 2500 - 8192), (1500 + 4096, 2500 - 8192)),
     ],
@@ -162,7 +162,7 @@ def test_the_first_command_is_approached_slowly(tmp_path):
         assert steps.max() <= speed_rad_s * NECK.servo_period_s + TICK_RAD
         way_rad = 0.2 - (1900 - 2048) * TICK_RAD
         assert len(sent) == pytest.approx(way_rad / (speed_rad_s * NECK.servo_period_s), rel=0.02)
-        # Once there, commands go through as they are.
+        # After the approach, commands pass unchanged.
         np.testing.assert_allclose(rig.neck.send_command(np.array([-0.3, 0.3])), [-0.3, 0.3], atol=TICK_RAD)
 
 
@@ -200,7 +200,7 @@ def test_a_bus_fault_raises_and_the_next_call_succeeds(tmp_path, fault):
         with pytest.raises(RobotError):
             rig.neck.read_state()
         rig.bus.fault = None
-        # At the same instant, so that the loop's tick still gets its command out.
+        # At the same instant, so that the loop's tick still sends its command.
         np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
         goals, position_rad = rig.goals(), rig.neck.read_state().position_rad
         rig.bus.fault = FAULTS[fault]
@@ -250,7 +250,7 @@ def test_recovery_after_a_power_loss(tmp_path):
             motor.answers = False
         rig.refuses("check power")
         asked = len(rig.bus.received)
-        for _ in range(50):  # within 0.1 s no motor is asked again: the loop's ticks lose no time
+        for _ in range(50):  # no retry within 0.1 s, so that ticks are not delayed
             rig.refuses("check power")
         assert len(rig.bus.received) == asked
         for motor, position in zip(rig.motors.values(), (2300, 1900), strict=True):
@@ -299,7 +299,7 @@ def test_connect_reports_the_fault(tmp_path):
                 neck.read_state()
             for i, table in before.items():
                 rig.motors[i].table[:] = table
-        rig.neck.connect()  # every failed one has let go of the port
+        rig.neck.connect()  # every failed robot has released the port
         rig.neck.connect()
         with pytest.raises(RobotError, match="no other program has it"):
             rig.another().connect()

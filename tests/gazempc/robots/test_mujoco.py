@@ -1,4 +1,4 @@
-"""The MuJoCo neck against closed-form answers, and against our own simulation of the same neck."""
+"""The MuJoCo neck against closed-form responses, and against the plain simulation of the same neck."""
 
 import json
 from pathlib import Path
@@ -84,7 +84,7 @@ def test_a_step_gives_the_delayed_second_order_response(damping_ratio, dead_time
 
 
 def test_pan_inertia_follows_the_parallel_axis_theorem():
-    """Physics that our own simulation lacks: tilted up by 45 deg, the head's mass is nearer to the pan axis."""
+    """Not in the plain simulation: tilted up by 45 deg, the head's mass is nearer to the pan axis."""
     reach_m, tilt_rad = 0.4, np.deg2rad(45.0)
     geometry = Geometry(eye_in_tilt_m=(reach_m, 0.0, 0.0))
     neck = with_both(NECK, dead_time_s=0.0).model_copy(update={"geometry": geometry})
@@ -104,7 +104,7 @@ def test_pan_inertia_follows_the_parallel_axis_theorem():
 
 
 def test_the_joints_stop_at_the_ends_of_their_range():
-    """Hardly damped servos sent to the end of the range would swing 50 % past it; there is a stop."""
+    """Lightly damped servos at the end of the range would overshoot by 50 %; end stops prevent it."""
     neck = with_both(NECK, damping_ratio=0.2, dead_time_s=0.1)
     _, free = drive(simulated_neck, neck, lambda t: neck.position_max_rad, 3.0)
     _, stopped = drive(mujoco_neck, neck, lambda t: neck.position_max_rad, 3.0)
@@ -151,7 +151,7 @@ def test_the_state_is_held_between_steps_and_commands_are_clamped():
     "neck", [chain(e, b, True) for e in (False, True) for b in (False, True)], ids=lambda n: n.joints
 )
 def test_the_camera_pose_equals_the_kinematics(neck):
-    """The camera's pose by MuJoCo's kinematics, for all offsets at once, whatever joints there are."""
+    """The camera's pose by MuJoCo's kinematics, for all offsets and sets of joints."""
     model = mujoco.MjModel.from_xml_string(mujoco_model.neck_mjcf(neck))
     data = mujoco.MjData(model)
     for angles in np.random.default_rng(0).uniform(-1.2, 1.2, (20, neck.joints)):
@@ -169,7 +169,7 @@ def test_the_camera_pose_equals_the_kinematics(neck):
 
 
 def test_eyes_and_body_respond_as_in_the_plain_simulation():
-    """Each joint by its own dead time and servo; a turn of one hardly moves the others."""
+    """Each joint has its own dead time and servo; coupling is small."""
     neck = chain()
     rates = np.array([1.3, 1.7, 5.0, 4.0, 0.7])
 
@@ -185,7 +185,7 @@ def test_eyes_and_body_respond_as_in_the_plain_simulation():
 
 @pytest.mark.slow
 def test_the_loop_with_an_identified_model_matches_the_plain_simulation(tmp_path):
-    """All that is known of the MuJoCo neck comes from moving it: error within 10 % of our own neck's."""
+    """The model of the MuJoCo neck is identified from its motion: error within 10 % of the plain simulation."""
 
     def gaze_error_deg(robot, neck):
         out = tmp_path / f"{robot}_{Path(neck).stem}"

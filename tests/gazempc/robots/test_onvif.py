@@ -35,7 +35,7 @@ def robot_of(server: OnvifCameraServer, neck=BLIND, **options) -> OnvifCamera:
 
 @contextmanager
 def connected(neck=BLIND, **options):
-    """A camera, and a robot that is connected to it."""
+    """A camera and a connected robot."""
     with onvif_camera(QUICK, USER, PASSWORD) as server, closing(robot_of(server, neck, **options)) as robot:
         robot.connect()
         yield server, robot
@@ -60,7 +60,7 @@ def test_the_camera_turns_as_commanded_and_moves_time_out() -> None:
 
 
 def test_table_speeds_are_interpolated_to_shares() -> None:
-    # Shares 0.5 and 1 give 0.2 and 0.3 rad/s to the left, 0.4 and 0.5 to the right.
+    # Shares 0.5 and 1 are 0.2 and 0.3 rad/s to the left, 0.4 and 0.5 to the right.
     table = SpeedSteps(positive_rad_s=(0.2, 0.3), negative_rad_s=(0.4, 0.5))
     pan = BLIND.pan.model_copy(update={"speed_steps": table, "velocity_max_rad_s": 0.3})
     with connected(BLIND.model_copy(update={"pan": pan})) as (server, robot):
@@ -88,7 +88,7 @@ def test_angle_commands_are_absolute_moves() -> None:
         targets: list = []
         server.absolute_move = lambda x, y, _: targets.append((x, y))  # type: ignore[method-assign]
         time.sleep(0.6)
-        assert not targets  # nothing moves before a command
+        assert not targets  # no motion before a command
         feed(robot, tuple(np.deg2rad([20.0, -5.0])), lambda: bool(targets))
         assert targets[0] == pytest.approx((-0.2, -0.2), abs=1e-4)
 

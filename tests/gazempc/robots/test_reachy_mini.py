@@ -1,4 +1,4 @@
-"""Reachy Mini over its daemon's websocket: its own frames, its faults, and the daemon itself where it is installed."""
+"""Reachy Mini over its daemon's websocket: recorded frames, faults, and the real daemon where installed."""
 
 import json
 import math
@@ -151,7 +151,7 @@ def test_the_first_commands_approach_from_the_measured_pose(server, make):
     assert sent[0] == pytest.approx([math.radians(-20.0) + step, math.radians(10.0)])
     assert np.max(np.abs(np.diff(sent, axis=0))) <= step + 1e-12
     np.testing.assert_array_equal(sent[-1], target)
-    # Once there, the smoother alone shapes the motion.
+    # After the approach, the smoother alone shapes the motion.
     np.testing.assert_array_equal(neck.send_command(np.zeros(2)), [0.0, 0.0])
 
 
@@ -180,7 +180,7 @@ def test_velocity_and_time_of_a_turning_head(server, make):
     def measured():
         state = neck.read_state()
         if state is not None and time.monotonic() - began_s > 0.5:
-            # Position tells the time at which it was made: a late arrival may be later, never earlier.
+            # The position encodes its time: an arrival may be late, never early.
             late_s = state.time_s - began_s - state.position_rad[0] / speed[0]
             assert late_s > -1e-3
             return late_s < 0.05 and np.allclose(state.velocity_rad_s, speed, rtol=0.2)
@@ -232,7 +232,7 @@ def test_a_command_on_a_lost_connection_raises_and_reconnects(server, make):
     server.frames["head_pose"] = pose(-5, 0)
     server.start()
     sent = wait_for(lambda: works(neck, (0.3, 0.0)))
-    # It was away: it may stand anywhere, so it is approached anew; and nothing of before is sent late.
+    # After an absence its pose is unknown: a new approach, and no old command is sent.
     assert sent[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
     assert wait_for(neck.read_state) is not None
     late = head_angles(head_of(server.commands()[before]))
@@ -268,7 +268,7 @@ def test_a_daemon_that_reads_nothing_does_not_block_the_loop(server, make):
         return message
 
     assert f"ws://127.0.0.1:{server.port}" in wait_for(refused, step=lambda: None)
-    # A send that waits would wait for ever.
+    # A blocking send would never return.
     assert longest_s < 20.0
     began_s = time.monotonic()
     neck.close()
@@ -293,7 +293,7 @@ def test_a_disabled_robot_raises_until_enabled(server, make, change, what):
     neck = make()
     server.frames["daemon_status"] = well | change
     wait_for(lambda: refusal(neck))
-    # It still tells where it is.
+    # It still reports its position.
     assert wait_for(neck.read_state) is not None
     server.frames["daemon_status"] = well
     wait_for(lambda: works(neck))
@@ -345,7 +345,7 @@ def real_port(tmp_path_factory):
 def test_the_simulated_head_of_the_daemon_reaches_its_commands(real_port):
     neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=real_port))
     wait_for(lambda: not isinstance(tried(neck.connect), RobotError), 90.0)
-    # Its own wake-up move comes first: targets are ignored meanwhile.
+    # Its wake-up move comes first and ignores targets.
     time.sleep(4.0)
     try:
         for target_deg in [(20, 0), (-20, 0), (0, 15), (0, -15), (50, 30), (-50, -25), (0, 0)]:

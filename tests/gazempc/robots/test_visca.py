@@ -1,4 +1,4 @@
-"""VISCA over IP against the bytes of the makers' manuals, and over networks that lose, delay and reorder packets."""
+"""VISCA over IP against the bytes of the manuals, and over networks that lose, delay and reorder packets."""
 
 import os
 import subprocess
@@ -71,7 +71,7 @@ def test_positions_of_five_digits_are_decoded() -> None:
 
 @pytest.mark.parametrize("pan_sign", [1, -1])
 def test_the_camera_turns_as_commanded_and_reports_its_position(pan_sign) -> None:
-    """Also with an axis that turns the other way."""
+    """Also with a reversed axis."""
     with camera() as (server, plant), connected(server.address, directions=(pan_sign, 1)) as robot:
         feed(robot, (0.5, -0.2), lambda: pan_sign * plant.true_state().position_rad[0] > 0.1)
         robot.send_command(np.zeros(2))
@@ -126,7 +126,7 @@ def test_a_slow_answer_delays_no_command() -> None:
             robot.send_command(np.array([0.5 + 0.3 * (k % 2), 0.1]))
             longest_s = max(longest_s, time.thread_time() - started_s)
             time.sleep(0.005)
-        # Many commands, few packets: one a tenth of a second, of which each was answered.
+        # Many commands, few packets: one per 0.1 s, each answered.
         assert k > 20
         assert len(server.driven) - before <= 7
         assert longest_s < 0.05
@@ -134,7 +134,7 @@ def test_a_slow_answer_delays_no_command() -> None:
 
 @contextmanager
 def link_through(network: BadNetwork) -> Iterator[ViscaLink]:
-    """A link to the camera behind a network; both are closed at the end."""
+    """A link to the camera through a network; both are closed at the end."""
     with closing(network), closing(ViscaLink(*network.address)) as link:
         link.open()
         yield link
@@ -179,7 +179,7 @@ def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
         with pytest.raises(RobotError, match=f"visca 127.0.0.1:{server.address[1]}: no answer"):
             feed(robot, (0.5, 0.0), lambda: False)
         before = len(server.driven)
-        # Rebooted in the move: it counts packets anew.
+        # Rebooted during the move: its sequence numbers restart.
         server._sequence = 0
         plant.send_command(np.zeros(2))
         server.silent = False
@@ -211,13 +211,13 @@ def test_moves_are_renewed_and_stop_on_loop_silence_or_close() -> None:
         with connected(server.address) as robot:
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
             wait_for(lambda: server.driven[-1][1:] == (0, 0))
-            # And goes on when the loop is back, also with a camera whose count of packets is far above ours.
+            # Motion resumes with the loop, also with a camera whose sequence number is far higher.
             server._sequence = 1_000_000
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
             before = len(server.driven)
             feed(robot, (0.5, 0.0), lambda: len([d for d in server.driven[before:] if d[1] > 0]) > 2)
         assert server.driven[-1][1:] == (0, 0)
-        robot.close()  # again does nothing
+        robot.close()  # a second close has no effect
 
 
 @pytest.mark.slow

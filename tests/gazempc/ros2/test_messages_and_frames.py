@@ -90,7 +90,7 @@ def test_transforms_are_interpolated_linearly_and_by_slerp():
     pose = tree.pose("head", "base", UNIX_START_S + 5.125)
     np.testing.assert_allclose(pose[:3, 3], [1.25, 0.0, 0.25], atol=1e-6)
     np.testing.assert_allclose(rotvec_of(pose), [0.0, 0.0, 0.3], atol=1e-6)
-    # The newest common time is that of the frame with the oldest last transform.
+    # The newest common time is the oldest of the last transforms.
     take(tree, "head", "eye", [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], 5.25)
     np.testing.assert_allclose(rotvec_of(tree.pose("eye", "base")), [0.0, 0.0, 0.5], atol=1e-6)
 
@@ -114,7 +114,7 @@ def test_a_cycle_of_frames_gives_no_transform():
 
 def test_a_clock_reset_clears_frames_and_stale_frames_expire():
     tree = taken(("base", "head", [1.0, 0.0, 0.0], [0.0] * 3, 50.0), ("base", "gone", [0.0] * 3, [0.0] * 3, 50.0))
-    # A little late: what is known already stays.
+    # Slightly late: newer transforms are kept.
     take(tree, "base", "head", [9.0, 0.0, 0.0], [0.0] * 3, 49.9)
     np.testing.assert_allclose(tree.pose("head", "base")[:3, 3], [1.0, 0.0, 0.0])
     for at_s in (5.0, 6.0):

@@ -1,4 +1,4 @@
-"""The node and the robot `ros2` against nodes of the real rclpy in this process."""
+"""The node and the robot `ros2` against real rclpy nodes in this process."""
 
 import threading
 import time
@@ -35,7 +35,7 @@ def node():
 
 @pytest.fixture
 def made():
-    """Closes what a test appends."""
+    """Closes the objects appended by a test."""
     parts = []
     yield parts
     for part in parts:
@@ -43,7 +43,7 @@ def made():
 
 
 class Driver:
-    """The other side of a neck: takes commands, sends joint states."""
+    """A driver node of a neck: subscribes to commands, publishes joint states."""
 
     def __init__(self, node, command_type=TRAJECTORY):
         self.commands = node.subscription("/head/command", command_type)

@@ -47,7 +47,7 @@ def test_the_gaze_tracks_the_attended_person():
 
 
 def test_one_person_of_several_is_tracked_as_well_as_alone():
-    """The same recording, sensor and noise; only the first frames differ, before the track is confirmed."""
+    """Equal recording, sensor and noise; only frames before the track's confirmation differ."""
     scene = make_scene("subject03_R4", SceneSettings(), NECK)
     alone = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings()).log
     one = replayed("nearest", recording="subject03_R4")
@@ -66,7 +66,7 @@ def test_the_perfect_forecast_is_that_of_the_attended_person():
 
 @pytest.mark.parametrize("exchanged_from_frame", [None, 40])
 def test_observations_assigned_to_another_person_are_swaps(monkeypatch, exchanged_from_frame):
-    """From some frame on each has the other's number: one swap each, in that frame, and none after."""
+    """From some frame on the numbers are exchanged: one swap each, in that frame only."""
     calls = []
     right = people.assign
 
@@ -86,7 +86,7 @@ def test_observations_assigned_to_another_person_are_swaps(monkeypatch, exchange
 
 
 def test_a_head_mounted_sensor_observes_people_in_its_view_only():
-    """The robot begins with Ann. Bob is nearer, but 70 deg beside her, which a view of 60 deg never shows."""
+    """The gaze starts on Ann. Bob is nearer, but 70 deg beside her, outside a view of 60 deg."""
     ann = standing_together(2.0, [2.2, 1.3, 0.3], [1.4, -1.2, 0.3])
     view = FieldOfView(on="head", horizontal_deg=60.0, vertical_deg=60.0)
     for sensor, left in ((ann.sensor, False), (ann.sensor.model_copy(update={"view": view}), True)):

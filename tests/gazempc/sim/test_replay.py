@@ -1,4 +1,4 @@
-"""Replays: reproducible, with several seeds of the noise, and independent of what ran before."""
+"""Replays: reproducible, with several noise seeds, and independent of earlier runs."""
 
 import dataclasses
 import json
@@ -52,7 +52,7 @@ def test_a_recording_too_short_to_be_scored_is_refused():
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.05])
 def test_with_the_true_future_a_compute_delay_adds_no_error(delay_s):
-    """The commands that go out while the computer works are rolled through as exactly as those of the dead time."""
+    """Commands sent during the computation are predicted through as exactly as those of the dead time."""
     settings = ReplaySettings(loop=LoopSettings(compute_delay_s=delay_s))
     log = replayed(synthetic("subject03_R4"), "mpc+perfect", settings=settings)
     assert measure(log).gaze_error_rms_deg < 0.1
@@ -114,7 +114,7 @@ REFERENCE, SLOW = load_neck("reference"), load_neck("slow")
 
 
 def test_other_necks_and_settings_have_separate_programs():
-    """Every number that a program depends on is in its key."""
+    """The cache key of a program has all its parameters."""
 
     def gain(mpc):
         return mpc.ocps[0].program.gain.tobytes()
@@ -128,7 +128,7 @@ def test_other_necks_and_settings_have_separate_programs():
 
 
 def test_equal_necks_share_read_only_matrices():
-    """Two controllers have their matrices in common, and solvers of their own; a change is an error."""
+    """Two controllers share read-only matrices, and have solvers of their own."""
     first, second = Mpc(REFERENCE).ocps[0], Mpc(REFERENCE).ocps[0]
     assert first is not second
     assert first.program is second.program
@@ -187,7 +187,7 @@ def test_every_accepted_input_is_replayed_within_limits(neck, settings, short_wa
 
 
 def test_with_a_fast_joint_the_mpc_tracks_as_look_ahead(short_walk):
-    """Each step of a held command makes a fast joint jump: that is no motion to be smoothed away."""
+    """Steps of a held command make a fast joint jump, which smoothing must not suppress."""
     neck = neck_of(**FAST)
     mpc, ahead = (measure(replayed(short_walk, name, neck=neck)).gaze_error_rms_deg for name in ("mpc", "lookahead"))
     assert mpc < ahead + 0.5

@@ -1,4 +1,4 @@
-"""What the robot sees and where it stands: noise, latency, rate, range, placement, and the truth between frames."""
+"""Sensor and placement: noise, latency, rate, range, robot position, and the truth between frames."""
 
 from dataclasses import replace
 
@@ -103,7 +103,7 @@ def test_a_recording_at_or_below_the_sensor_rate_is_not_thinned(rate_hz):
 
 
 def test_only_heads_in_range_are_observed():
-    """Range is the distance in space, so a head above the sensor counts its height."""
+    """Range is the 3-D distance, including the height above the sensor."""
     head = np.column_stack([np.linspace(0.5, 6.0, 100), np.zeros(100), np.full(100, 1.5)])
     walk = recording(np.arange(100) / 30.0, head)
     sensor = PERFECT.model_copy(update={"range_min_m": 2.0, "range_max_m": 4.0})
@@ -128,7 +128,7 @@ def test_a_sensor_without_a_person_in_view_is_an_error():
 
 @pytest.mark.parametrize("part", ["head_quat_wxyz", "pelvis_quat_wxyz"])
 def test_an_unknown_orientation_is_not_observed(part):
-    """All else is seen as before, with the same noise."""
+    """Other values are unchanged, with the same noise."""
     walk, other_walk = standing(30), standing(30)
     getattr(other_walk.truth, part)[10:20] = np.nan
     pairs = zip(observe(other_walk, REFERENCE, seed=1), observe(walk, REFERENCE, seed=1), strict=True)
@@ -205,7 +205,7 @@ def test_the_side_placement_equals_its_definition(turns_back):
 
 
 def test_a_walk_too_near_is_refused_with_the_distance():
-    """Along a half circle of 2 m radius whose middle comes nearest to the robot."""
+    """A half circle of 2 m radius whose centre point is nearest to the robot."""
     angle = np.linspace(0.0, np.pi, 91)
     head = np.column_stack([2 * np.cos(angle), -2 * np.sin(angle), np.full(91, 1.6)])
     walk = recording(np.arange(91) / 30.0, head)
@@ -219,7 +219,7 @@ def test_a_walk_too_near_is_refused_with_the_distance():
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
 def test_the_robot_stands_in_front_of_a_standing_person(yaw):
-    """And so sees the face: the head's forward axis points at the robot."""
+    """The head's forward axis points at the robot."""
     rng = np.random.default_rng(1)
     head = np.array([3.0, -2.0, 1.6]) + 0.01 * rng.standard_normal((60, 3))
     placed = place(recording(np.arange(60) / 30.0, head, yaw=yaw), "side", 1.5, 1.2)

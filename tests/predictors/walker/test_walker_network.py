@@ -1,4 +1,4 @@
-"""The numbers of `Walker`: what the layers answer, departures between knots, and what is refused."""
+"""The model of `Walker`: network outputs, departures between knots, and refusals."""
 
 import dataclasses
 import json
@@ -40,7 +40,7 @@ def layers(weights, biases, inputs):
 
 
 def parts_of(outputs, motion):
-    """Departures of a walk, those of staying, and logits of walking."""
+    """Departures of walking and of standing, and logits of walking."""
     assert outputs.shape[-1] == N_OUTPUTS
     k = 3 * KNOTS_S.size
     departures = outputs[..., :k].reshape(*outputs.shape[:-1], KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
@@ -55,7 +55,7 @@ def parts_of(outputs, motion):
 @pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
 @pytest.mark.parametrize(("evidence", "precise"), [(None, 0.0), (0.7, 0.0), (0.7, 0.25), (0.7, 1.0)])
 def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(known, evidence, precise):
-    """Of the networks for tracks with an orientation, for precise trackers, for tracks without, or a mixture."""
+    """With networks for tracks with orientation, for precise trackers, for tracks without orientation, or a mixture."""
     model, (x, spread, motion) = random_model(), rows(5)
     x[:, KNOWN], precision = known, np.full(5, precise)
     mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
@@ -179,7 +179,7 @@ def test_an_invalid_model_file_is_named(tmp_path, content):
     path = tmp_path / "walker.npz"
     if content is None:
         np.savez(path, something=np.zeros(3))
-    elif isinstance(content, str):  # as before this was fitted
+    elif isinstance(content, str):  # default of models without this parameter
         save_walker_model(random_model(), path)
         with np.load(path) as data:
             np.savez(path, **{k: v for k, v in data.items() if k != content})

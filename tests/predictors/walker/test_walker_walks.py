@@ -1,6 +1,6 @@
-"""The shipped `walker` on walks: how far it errs, through each sensor, and whether it knows how far.
+"""The shipped `walker` on walks: forecast errors and coverage with each sensor.
 
-Synthetic walks were not fitted on. Real ones were, so there the tests guard the code, not the claim.
+Synthetic walks are held out. Real ones were fitted on: there the tests detect regressions only.
 """
 
 import dataclasses
@@ -36,7 +36,7 @@ def mean_errors(recordings, make, sensor="reference", ahead_s=(0.5,)):
     return np.mean([np.nanmean(errors(r, make(), sensor, ahead_s)[0], axis=0) for r in recordings], axis=0)
 
 
-# Errors over those of constant velocity at 0.25, 0.5 and 1 s: what the model as it ships has, and up to 0.06 of room.
+# Errors relative to constant velocity at 0.25, 0.5 and 1 s: shipped model, plus a tolerance of up to 0.06.
 SYNTHETIC_RATIOS = {
     "reference": (0.54, 0.52, 0.53),
     "face_camera": (0.95, 0.88, 0.78),
@@ -64,7 +64,7 @@ def test_standing_people_are_forecast_as_well_as_by_last_position(activity, sens
 
 
 def revisions_m(recording, ahead_s=0.5):
-    """How far the forecast for one instant moves from frame to frame, metres."""
+    """Change of the forecast for one instant from frame to frame, metres."""
     predictor, before, found = Walker(), None, []
     for sighting in observe(recording, load_sensor("perfect"), 0):
         predictor.update(sighting.observation)
@@ -79,7 +79,7 @@ def revisions_m(recording, ahead_s=0.5):
 
 @pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("start", 0.1), ("stop", 0.1)])
 def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, largest_m):
-    """Walking and staying lie up to 0.7 m apart at 0.5 s; a decision takes several frames."""
+    """Walking and standing differ by up to 0.7 m at 0.5 s; the decision takes several frames."""
     assert revisions_m(load(f"subject07_{activity}")).max() < largest_m
 
 
@@ -111,7 +111,7 @@ def test_the_stated_ellipsoids_have_nominal_coverage():
 
 
 def test_initial_range_errors_stay_on_the_line_of_sight():
-    """A face above the camera, its range wrong by 5 %: in the first second, errors stay on the line of sight."""
+    """A face above the camera with 5 % range error: in the first second, errors stay on the line of sight."""
     elevation_rad = np.radians(22.0)
     face_m = 1.5 * np.array([np.cos(elevation_rad), 0.0, np.sin(elevation_rad)])
     off_rad = []
@@ -127,7 +127,7 @@ def test_initial_range_errors_stay_on_the_line_of_sight():
 
 
 def test_a_mounting_at_90_deg_is_estimated():
-    """Orientations by a sensor whose forward axis is not the person's: half a second later it hardly matters."""
+    """Orientations with a rotated forward axis: after half a second the effect is small."""
     turn = Rotation.from_euler("z", 90.0, degrees=True)
 
     def mounted(q):
@@ -191,7 +191,7 @@ def test_forecasts_are_finite_for_any_time_stamps(steps_s, speed_m_s, seed):
 @example(sizes=[(2.0, -3.0, -3.0)] * 40, stated=[True] * 40, turns=True, seed=1)
 @example(sizes=[(2.5, 2.5, -3.0)] * 40, stated=[True] * 40, turns=True, seed=2)
 def test_forecasts_are_valid_for_any_covariance(sizes, stated, turns, seed):
-    """From a millimetre to a hundred metres, in a direction of its own each frame or in the same, now and then none."""
+    """From 1 mm to 100 m, with random or constant axes, sometimes absent."""
     rng, walker = np.random.default_rng(seed), Walker(random_model())
     for k, exponent in enumerate(sizes):
         covariance = random_covariance(rng if turns else np.random.default_rng(seed), 10.0 ** np.array(exponent))
@@ -223,12 +223,12 @@ def test_a_jump_of_half_a_metre_is_refused():
         o = observations[k]
         observations[k] = dataclasses.replace(o, head_position_base_m=o.head_position_base_m + 0.5 * np.eye(3)[0])
     shaken, _ = forecasts(observations)
-    # Afterwards all is as if the frames had been missing.
+    # Afterwards the forecast equals that with missing frames.
     assert np.max(np.linalg.norm(shaken[62:, 3] - clean[62:, 3], axis=1)) < 0.06
 
 
 def test_a_gap_is_coasted_with_growing_variance_until_recovery():
-    """While nothing comes the track goes on; afterwards the forecast comes back to that without a gap."""
+    """The track is extrapolated; afterwards the forecast converges to that without a gap."""
     observations, gap_s = seen_of("subject06_R1"), 1.0
     whole, _ = forecasts(observations)
     begin_s = observations[45].capture_time_s
@@ -250,7 +250,7 @@ def test_a_gap_is_coasted_with_growing_variance_until_recovery():
 
 
 def test_a_lost_orientation_fades_without_a_jump():
-    """No orientation from one frame on: forecasts move away from those with it little by little."""
+    """No orientation from one frame on: forecasts deviate gradually from those with it."""
     observations = seen_of("subject03_R5", "perfect")[:110]
     turn = len(observations) // 2
     half = [o if k < turn else blind(o) for k, o in enumerate(observations)]
@@ -263,7 +263,7 @@ def test_a_lost_orientation_fades_without_a_jump():
 
 
 def test_a_regained_orientation_gives_the_forecast_without_loss():
-    """Wherever the robot stands; what was held meanwhile must not look like a turn of the body."""
+    """For any robot pose; held orientations must not appear as a turn of the body."""
     observations = [moved(o, 2.0, np.zeros(3)) for o in seen_of("subject03_R6", "perfect")[:90]]
     gone = [blind(o) if 30 <= k < 60 else o for k, o in enumerate(observations)]
     apart = np.linalg.norm(forecasts(gone)[0][:, 3] - forecasts(observations)[0][:, 3], axis=1)
@@ -272,7 +272,7 @@ def test_a_regained_orientation_gives_the_forecast_without_loss():
 
 
 def direction_errors_deg(stated, range_share):
-    """Of forecasts 0.5 s ahead, for a real gait that passes; range always wrong by a share, and noisy by 12 %."""
+    """Of forecasts 0.5 s ahead of a passing real gait; range with a relative bias and 12 % noise."""
     truth, rng, walker, errors = TrueHead(load("subject08_R1")), np.random.default_rng(0), Walker(), []
     for time_s in np.arange(0.0, 3.0, 1 / 30):
         true_m = truth([time_s])[0]
@@ -287,7 +287,7 @@ def direction_errors_deg(stated, range_share):
 
 
 def test_a_range_error_of_20_percent_keeps_the_bearing():
-    """Its covariance is stated: long along the line of sight, so only the bearing counts."""
+    """With a stated covariance elongated along the line of sight the bearing dominates."""
     stated, right = direction_errors_deg(True, -0.2), direction_errors_deg(True, 0.0)
     assert np.sqrt(np.mean(stated**2)) < 2.5
     assert np.sqrt(np.mean(stated**2)) < 1.3 * np.sqrt(np.mean(right**2)) + 0.2
@@ -297,7 +297,7 @@ def test_a_range_error_of_20_percent_keeps_the_bearing():
 
 @pytest.mark.parametrize(("wander_m", "least", "most"), [(0.0, 0.8, 0.95), (0.01, 0.99, 1.01), (0.02, 0.999, 1.001)])
 def test_networks_for_precise_trackers_are_not_used_under_wander(wander_m, least, most):
-    """White error of at most 2 mm in all; the wander adds to the differences from frame to frame."""
+    """White noise of at most 2 mm in total; wander adds to the frame differences."""
     sensor = load_sensor("body_tracker" if wander_m else "perfect")
     if wander_m:
         changes = {"position_noise_m": 0.002, "position_wander_m": wander_m, "position_wander_time_s": 0.5}

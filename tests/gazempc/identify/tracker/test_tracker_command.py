@@ -1,4 +1,4 @@
-"""The command: from a recording to a sensor file, and refused recordings."""
+"""The command: from a recording to a sensor file, and refusals."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Known errors and times of a tracker are recovered."""
+"""Estimation of known errors and timing of a tracker."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from gazempc.identify.tracker.measure import measure_tracker
 from gazempc.identify.tracker.read import read_track
 from gazempc.identify.tracker.timing import frame_times
 
-# Long enough to know a wander of a second; half of that where none is to be known.
+# Long enough to estimate a correlation time of 1 s; half of that without wander.
 TIMES_S = np.arange(0.0, 30.0, 1.0 / 12.0)
 SHORT_S = np.arange(0.0, 16.0, 1.0 / 20.0)
 
@@ -74,7 +74,7 @@ def test_yaw_errors_are_measured_despite_flips():
     assert one.pelvis_yaw is None
 
 
-# Measured by other means on recordings of the same tracker: range 1 to 6 %, bearing 0.04 to 0.1 deg.
+# Independent measurements of the same tracker: range 1 to 6 %, bearing 0.04 to 0.1 deg.
 @pytest.mark.slow
 def test_errors_of_a_face_tracker_are_recovered(bags_dir):
     found = measure_tracker(read_track(bags_dir / "1p_FV_eng_1"))

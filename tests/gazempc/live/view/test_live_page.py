@@ -1,4 +1,4 @@
-"""The page of a live run in a real browser: what happens is shown, a lost connection comes back, no script fails."""
+"""The page of a live run in a real browser: displayed values, reconnection, no script error."""
 
 import http.client
 import json
@@ -30,7 +30,7 @@ def log():
 
 @pytest.fixture(scope="module")
 def moments(log):
-    """What a live run would send in two seconds, with a plan and a picture."""
+    """Messages of two seconds of a live run, with a plan and a picture."""
     jpeg = cv2.imencode(".jpg", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
     plan = PlanMoment(0.0, 0.0, 0.02, log.command_position_rad[:3], 87.0)
     return [PictureMoment(0.0, jpeg), plan, *moments_of(cut(log, 0.0, 2.0))]
@@ -79,7 +79,7 @@ def test_the_page_shows_the_run_and_reconnects(log, moments):
                     feed.process.kill()
                     wait_for_text("connection", ends)
         wait_for_text("connection", ends)
-        # A connection that is refused is no error of a script.
+        # A refused connection is no script error.
         assert [each for each in driver.get_log("browser") if each["source"] != "network"] == []
 
 

@@ -1,4 +1,4 @@
-"""A live run writes MCAP while it goes on, and serves the same channels."""
+"""A live run writes MCAP continuously, and serves the same channels."""
 
 import json
 import os
@@ -54,7 +54,7 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     assert json.loads(found["/metrics"])["late_ms"] >= 0.0
     layout = (tmp_path / "foxglove_layout.json").read_text()
     assert all(topic in layout for topic in ("/scene", "/metrics.gaze_error_deg", "/ticks.joint_pan_rad", "/events"))
-    # And what was served is in the file, with the lateness, which only a live run has.
+    # The served data are in the file, with the lateness, which only a live run has.
     np.testing.assert_array_equal(column(path, "/ticks", "joint_pan_rad"), log.joint_position_rad[:, 0])
     np.testing.assert_array_equal(gz.load_log(path).command_position_rad, log.command_position_rad)
     assert np.isfinite(column(path, "/metrics", "late_ms")).all()
@@ -83,7 +83,7 @@ def test_a_killed_writer_is_a_problem_and_loses_at_most_2_s(tmp_path):
     for moment in moments_of(log):
         feed.take(moment)
     path, enough = tmp_path / "log_000.mcap", 2.0 * log.neck.servo_rate_hz
-    # Three flushes: at the first tick, two seconds later, and what is left of 2.5 s stays in memory.
+    # Flushes at the first tick and two seconds later; the rest of 2.5 s stays in memory.
     found = wait_for(lambda: path.exists() and len(there := times_of_what_is_there(path)) >= enough and there)
     feed.process.kill()
     feed.process.join()

@@ -1,4 +1,4 @@
-"""Errors of positions and yaws: sizes, correlation and directions are recovered from observations."""
+"""Errors of positions and yaws: standard deviations, correlation and directions estimated from observations."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def test_bearing_error_is_an_angle_on_both_axes_across():
 
 
 def test_jumps_have_the_stated_duration_rate_and_constant_offset():
-    """Each lasts 0.3 s on average and the next begins 1.7 s after its end on average: 15 % of the time."""
+    """Mean duration 0.3 s, mean pause 1.7 s: 15 % of the time."""
     jumps = {"mean_interval_s": 1.7, "duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.05}
     errors = position_errors(LONG, jumps=jumps | {"size_max_m": 0.12})
     size = np.linalg.norm(errors, axis=1)
@@ -58,7 +58,7 @@ def test_jumps_have_the_stated_duration_rate_and_constant_offset():
     values, lengths = np.unique(errors[inside], axis=0, return_counts=True)
     assert len(values) == pytest.approx(300 / 2.0, rel=0.15)
     assert 3 <= lengths.min() < lengths.max() <= 16
-    # As many to each side of the three axes.
+    # Equal counts in both directions of the three axes.
     assert (values > 0).mean(axis=0) == pytest.approx(0.5, abs=0.12)
     assert np.std(values, axis=0) == pytest.approx(0.0875 / np.sqrt(3), rel=0.2)
 
@@ -68,7 +68,7 @@ def test_a_jump_without_duration_lasts_one_frame():
     hit = np.linalg.norm(errors, axis=1) > 0
     assert np.linalg.norm(errors[hit], axis=1) == pytest.approx(0.1)
     assert not errors[:, 2].any()
-    # A frame is hit unless nothing falls between it and the one before.
+    # A frame is affected if an event falls between it and the previous one.
     assert hit.mean() == pytest.approx(1 - np.exp(-1 / 30 / 0.3), rel=0.1)
     assert len(np.unique(errors[hit], axis=0)) == hit.sum()
 
@@ -162,7 +162,7 @@ def test_yaw_flips_and_losses_occur_only_facing_away():
 def test_flips_have_the_stated_mean_duration():
     walk = standing(300.0, facing_away_deg=180.0)
     flipped = np.abs(yaw_errors(walk, head_yaw={"flipped_share": 0.5, "hold_s": 0.5})) > 3.0
-    # Half of the new draws give the other state: a state holds twice the mean time of a draw.
+    # Half of the draws change the state: a state lasts twice the mean time between draws.
     changes = np.count_nonzero(np.diff(flipped.astype(int)))
     per_frame = 1 - np.exp(-1 / 30 / 0.5)
     assert changes == pytest.approx(300 * 30 * per_frame / 2, rel=0.1)

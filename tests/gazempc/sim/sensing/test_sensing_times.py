@@ -1,4 +1,4 @@
-"""Frames taken, lost and delayed, their stamps, and the field of view."""
+"""Frame sampling, loss, delay and stamps, and the field of view."""
 
 import numpy as np
 import pytest
@@ -63,7 +63,7 @@ def test_loss_bursts_have_the_stated_durations_and_intervals():
     gaps = np.diff(captures)
     gaps = gaps[gaps > 0.05]
     assert gaps.min() >= 0.3
-    # Now and then the next one begins before a frame is taken.
+    # Sometimes the next one begins before a frame is taken.
     assert (gaps > 1.0 + 2 / 30).mean() < 1.5 * (1 - np.exp(-1 / 30 / 2.0))
     assert np.median(gaps) == pytest.approx(0.65 + 1 / 30, abs=0.08)
     assert captures.size / LONG.times_s.size == pytest.approx(2.0 / 2.65, abs=0.04)
@@ -100,7 +100,7 @@ GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.02, 0.01, 0.05), eye_in_tilt_m=(0.04, 
 
 
 def observed(on, width_deg, start_offset_deg=0.0):
-    """Capture times of the frames of a walk past the robot that are used."""
+    """Capture times of the observed frames of a walk past the robot."""
     view = {"on": on, "horizontal_deg": width_deg, "vertical_deg": 60.0}
     settings = QUICK.model_copy(update={"start_offset_deg": start_offset_deg})
     log = replayed(synthetic("subject03_R4"), "lookahead", settings=settings, sensor=sensor(latency_s=0.066, view=view))
@@ -121,7 +121,7 @@ def test_a_turning_view_keeps_a_person_who_leaves_a_fixed_one():
 
 
 def test_people_are_observed_once_they_enter_the_turned_view():
-    """The neck holds still until then, so the view is where it was at the start."""
+    """The neck is at rest until then, so the view is the initial one."""
     walk, neck = synthetic("subject03_R4"), load_neck("reference")
     bearing_rad = look_at_rad(neck.geometry, walk.truth.head_position_m)[:, 0]
     start_rad = min(bearing_rad[0] + np.radians(45.0), neck.position_max_rad[0])
