@@ -20,7 +20,7 @@ rclpy = rclpy_or_skip()
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PACKAGE = ROOT / "ros" / "gazempc_ros"
-# Sampling and hold of the controller delay a command by up to two of its periods, as identified by `identify`.
+# The controller samples a command up to one of its periods late and holds its own for one, as `identify` measures.
 TOWARDS_CONTROLLER_S = 0.002
 NECK_PARAMETERS = {
     "options.ros2.base_frame": "base_link",
