@@ -39,19 +39,19 @@ BAGS = Path(os.environ.get("GAZEMPC_BAGS", ROOT.parent / "shared" / "bags"))
 @pytest.fixture(scope="session")
 def walks_dir() -> Path:
     """Folder with the recordings of real people, which are not part of the project."""
-    return _there("the real walks", WALKS, "GAZEMPC_WALKS")
+    return _folder_or_skip("the real walks", WALKS, "GAZEMPC_WALKS")
 
 
 @pytest.fixture(scope="session")
 def tracks_dir() -> Path:
     """Folder with head tracks of other people, positions only, which are not part of the project."""
-    return _there("the head tracks", TRACKS, "GAZEMPC_TRACKS")
+    return _folder_or_skip("the head tracks", TRACKS, "GAZEMPC_TRACKS")
 
 
 @pytest.fixture(scope="session")
 def bags_dir() -> Path:
     """Folder with ROS 2 bags of a real face tracker, which are not part of the project."""
-    return _there("the real bags", BAGS, "GAZEMPC_BAGS", "README.md")
+    return _folder_or_skip("the real bags", BAGS, "GAZEMPC_BAGS", "README.md")
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +79,9 @@ def real_time(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
-def _there(what: str, folder: Path, variable: str, sign: str = "index.csv") -> Path:
-    if not (folder / sign).is_file():
-        reason = f"{what} are not at {folder} (set {variable})"
+def _folder_or_skip(description: str, folder: Path, variable: str, marker: str = "index.csv") -> Path:
+    if not (folder / marker).is_file():
+        reason = f"{description} are not at {folder} (set {variable})"
         if os.environ.get("CI"):
             pytest.fail(f"{reason}, and CI must not skip this")
         pytest.skip(reason)
@@ -100,7 +100,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_collection_finish() -> None:
     """Freeze the objects of all imported test modules."""
-    _leave_out_what_stays()
+    _freeze_permanent_objects()
     gc.enable()
 
 
@@ -108,10 +108,10 @@ def pytest_collection_finish() -> None:
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
     """Freeze permanent objects after the last test of a module."""
     if nextitem is None or nextitem.path != item.path:
-        _leave_out_what_stays()
+        _freeze_permanent_objects()
 
 
-def _leave_out_what_stays() -> None:
+def _freeze_permanent_objects() -> None:
     """Exclude imported and cached objects from later garbage collections, to save time."""
     gc.collect()
     gc.freeze()

@@ -66,8 +66,8 @@ def test_the_architecture_page_lists_existing_modules():
     assert [path for path in named if not (ROOT / path).exists()] == []
     for package in ("gazempc", "predictors"):
         inside = [path for path in (ROOT / package).iterdir() if path.is_dir() or path.suffix == ".py"]
-        wanted = {f"{package}/{path.name}/" if path.is_dir() else f"{package}/{path.name}" for path in inside}
-        assert wanted - named - {f"{package}/__init__.py", f"{package}/__pycache__/"} == set()
+        existing = {f"{package}/{path.name}/" if path.is_dir() else f"{package}/{path.name}" for path in inside}
+        assert existing - named - {f"{package}/__init__.py", f"{package}/__pycache__/"} == set()
 
 
 def names_of_code(text):

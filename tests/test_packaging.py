@@ -33,18 +33,18 @@ def test_the_lock_file_satisfies_all_requirements():
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     found, waiting, seen = locked(), [Requirement(text) for text in pyproject["project"]["dependencies"]], set()
     while waiting:
-        wanted = waiting.pop()
-        name = canonicalize_name(wanted.name)
+        required = waiting.pop()
+        name = canonicalize_name(required.name)
         assert name in found, f"{name} is not in requirements.lock: make it anew, see its first lines"
-        assert wanted.specifier.contains(found[name]), f"{wanted}, but requirements.lock has {found[name]}"
-        key = (name, frozenset(wanted.extras))
+        assert required.specifier.contains(found[name]), f"{required}, but requirements.lock has {found[name]}"
+        key = (name, frozenset(required.extras))
         if key in seen:
             continue
         seen.add(key)
         # Requirements of other packages vary with their versions; the installed ones are close.
         for text in requires(name) or ():
             inner = Requirement(text)
-            environments = [default_environment() | {"extra": extra} for extra in ("", *wanted.extras)]
+            environments = [default_environment() | {"extra": extra} for extra in ("", *required.extras)]
             if inner.marker is None or any(inner.marker.evaluate(environment) for environment in environments):
                 waiting.append(Requirement(inner.name))
 

@@ -30,7 +30,7 @@ def attention_log(error_deg, attended=(), away=(), swaps_s=(), captures_s=(), **
     arrays["time_s"] = arrays["joint_time_s"] = TICK_S * np.arange(len(error_deg))
     arrays["joint_position_rad"] = arrays["command_position_rad"] = joints
     arrays["head_true_base_m"][:] = [2.0, 0.0, 0.0]
-    told = {
+    columns = {
         "capture_time_s": captures_s,
         "arrival_time_s": np.add(captures_s, 0.1),
         "person_id": np.full(len(captures_s), ""),
@@ -42,7 +42,7 @@ def attention_log(error_deg, attended=(), away=(), swaps_s=(), captures_s=(), **
         "away_why": np.array(reasons, dtype=np.str_),
         "identity_swap_time_s": swaps_s,
     }
-    arrays |= {name: np.asarray(values) for name, values in told.items()}
+    arrays |= {name: np.asarray(values) for name, values in columns.items()}
     return Log(run=run_info(**about), **arrays | {"attended_person": np.array(numbers, dtype=np.intp)})
 
 

@@ -16,8 +16,8 @@ def received(url, topics):
                 continue
             advertised = json.loads(message)
             if advertised["op"] == "advertise":
-                wanted = {each["id"]: each["topic"] for each in advertised["channels"] if each["topic"] in topics}
-                names |= wanted
-                subscriptions = [{"id": number, "channelId": number} for number in wanted]
+                available = {each["id"]: each["topic"] for each in advertised["channels"] if each["topic"] in topics}
+                names |= available
+                subscriptions = [{"id": number, "channelId": number} for number in available]
                 socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
     return found

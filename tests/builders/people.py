@@ -80,8 +80,8 @@ def posterior(observations, times_s, kernel, noise_m=0.0):
     t = t - t[0]
     joint = np.kron(kernel(np.outer(t, t), np.minimum.outer(t, t), np.maximum.outer(t, t)), np.eye(3))
     joint = joint + np.tile(stated[0], (t.size, t.size))
-    seen, asked = slice(3, 3 * n), slice(3 * n, None)
-    gain = np.linalg.solve(joint[seen, seen] + block_diag(*stated[1:]), joint[seen, asked]).T
+    seen, later = slice(3, 3 * n), slice(3 * n, None)
+    gain = np.linalg.solve(joint[seen, seen] + block_diag(*stated[1:]), joint[seen, later]).T
     means_m = np.tile(seen_m[0], len(times_s)) + gain @ (seen_m[1:] - seen_m[0]).ravel()
-    spread = (joint[asked, asked] - gain @ joint[seen, asked]).reshape(len(times_s), 3, -1, 3)
+    spread = (joint[later, later] - gain @ joint[seen, later]).reshape(len(times_s), 3, -1, 3)
     return means_m.reshape(-1, 3), np.array([spread[k, :, k] for k in range(len(times_s))])

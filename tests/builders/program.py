@@ -72,7 +72,7 @@ class Program:
         wait_for(lambda: caught() >> (signal.SIGTERM - 1) & 1, FOREVER_S, step=lambda: time.sleep(0.001))
 
 
-def check_output(out, said):
+def check_output(out, output):
     """Logs, summary, report and printed output of a run agree; returns summary and log."""
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert summary["logs"] == ["log_000.npz"]
@@ -82,7 +82,7 @@ def check_output(out, said):
     assert np.all(np.isfinite(log.command_position_rad))
     assert summary["limit_violations"] == limit_violations(log, log.neck) == 0
     assert (out / "compute_000.npz").is_file()
-    assert f"stopped by: {summary['stopped_by']}" in said
+    assert f"stopped by: {summary['stopped_by']}" in output
     report = BeautifulSoup((out / "report.html").read_text(encoding="utf-8"), "html.parser")
     cells = {row.th.text: row.td.text for row in report.select("tbody tr")}
     assert (cells["ticks"], cells["observations"]) == (str(summary["ticks"]), str(summary["observations"]))

@@ -91,8 +91,8 @@ def tracked(*ids):
     return make_message(IDS, header=header("", NOW_S), ids=list(ids))
 
 
-def text(said):
-    return make_message(TEXT, data=said)
+def text(content):
+    return make_message(TEXT, data=content)
 
 
 class _Subscription:

@@ -12,9 +12,9 @@ from experiments.console import COMMANDS, main
 @pytest.mark.parametrize("words", [["--help"], ["-h"], []])
 def test_the_command_lists_its_subcommands(words, capsys):
     assert main(words) == (0 if words else 2)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for name, (_, what) in COMMANDS.items():
-        assert f"  {name:<9} {what}" in said
+        assert f"  {name:<9} {what}" in output
 
 
 def test_a_misspelt_command_is_named(capsys):

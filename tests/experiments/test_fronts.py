@@ -62,17 +62,17 @@ def test_intervals_are_over_people_and_use_paired_clips_only(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "said"),
+    ("rows", "message"),
     [
         ([("mpc", 0, "a", "ann", "sharp", "slow", 1.0, "x", 0.5)], "row 2: could not convert"),
         ([("mpc", 0, "a", "ann", "sharp", "slow", 1.0, 1.0, 0.5)], "no case 'lookahead'; there are mpc"),
         ([], "is empty"),
     ],
 )
-def test_a_table_without_comparable_rows_is_refused(tmp_path, capsys, rows, said):
+def test_a_table_without_comparable_rows_is_refused(tmp_path, capsys, rows, message):
     write_table(tmp_path, rows)
     assert fronts.main([str(tmp_path)]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_the_interval_has_nominal_coverage():

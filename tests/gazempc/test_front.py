@@ -15,8 +15,8 @@ HEAVY = {"numpy", "scipy", "casadi", "pydantic", "matplotlib", "filterpy", "ruck
 
 def loaded_by(code):
     """Which heavy packages a process has loaded after some code."""
-    said = f"{code}; import sys, json; print(json.dumps(sorted(m for m in sys.modules if '.' not in m)))"
-    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    program = f"{code}; import sys, json; print(json.dumps(sorted(m for m in sys.modules if '.' not in m)))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stderr == ""
     return HEAVY & set(json.loads(done.stdout))
 

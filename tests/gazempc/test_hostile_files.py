@@ -46,10 +46,10 @@ def refused(read, path):
         read(path)
     assert time.process_time() - started_s < MOST_S
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before_mb < MOST_MB
-    said = str(caught.value)
-    assert str(path) in said
-    assert len(said) < MOST_CHARACTERS
-    return said
+    message = str(caught.value)
+    assert str(path) in message
+    assert len(message) < MOST_CHARACTERS
+    return message
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -97,13 +97,13 @@ TEXTS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "text", "said"), TEXTS, ids=range(len(TEXTS)))
-def test_texts_are_bounded_and_never_executed(name, text, said, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("name", "text", "message"), TEXTS, ids=range(len(TEXTS)))
+def test_texts_are_bounded_and_never_executed(name, text, message, tmp_path, monkeypatch):
     """Nesting, repetition or tags that would take hours, all memory, or run a command."""
     monkeypatch.chdir(tmp_path)
     path = tmp_path / name
     path.write_text(text)
-    assert said in refused(READERS[name], path)
+    assert message in refused(READERS[name], path)
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
@@ -140,18 +140,18 @@ def npz(members):
 
 
 @pytest.mark.parametrize(
-    ("member", "said"),
+    ("member", "message"),
     [
         (((10**12,), "<f8", b""), "its shape"),
         (((1,), "|O", b"\x80\x04."), "accepted: numbers and text"),
         (((3,), "<f8", bytes(8)), "its shape"),
     ],
 )
-def test_array_headers_must_match_their_data(member, said, tmp_path):
+def test_array_headers_must_match_their_data(member, message, tmp_path):
     path = tmp_path / "log.npz"
     path.write_bytes(npz({"time_s": member}))
-    assert said in refused(load_log, path)
-    assert said in refused(load_record, path)
+    assert message in refused(load_log, path)
+    assert message in refused(load_record, path)
 
 
 @pytest.mark.parametrize("word", ["x" * 5000, "a\0b"])
@@ -167,18 +167,18 @@ WALK_M = np.column_stack([1.1 * TIMES_S, 0.0 * TIMES_S, 1.6 + 0.0 * TIMES_S])
 
 
 @pytest.mark.parametrize(
-    ("times_s", "head_m", "said"),
+    ("times_s", "head_m", "message"),
     [
         (np.append(TIMES_S[:-1], 1e6), WALK_M, "a gap of 1e+06 s"),
         (np.arange(7400) / 2.0, np.tile(WALK_M[:1], (7400, 1)), "lasts 1.028 h"),
         (TIMES_S, np.vstack([WALK_M[:-1], [[5000.0, 0.0, 1.6]]]), "is 4998 m from the middle"),
     ],
 )
-def test_an_impossible_walk_is_refused_with_the_reason(times_s, head_m, said, tmp_path):
+def test_an_impossible_walk_is_refused_with_the_reason(times_s, head_m, message, tmp_path):
     path = tmp_path / "walk.csv"
     rows = np.column_stack([times_s, head_m])
     np.savetxt(path, rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
-    assert said in refused(load, path)
+    assert message in refused(load, path)
 
 
 @pytest.mark.parametrize("compression", ["none", "zstd"])

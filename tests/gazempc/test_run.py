@@ -28,11 +28,11 @@ def walk(tmp_path_factory):
 @pytest.fixture(scope="module")
 def main_job(walk, tmp_path_factory):
     """All outputs; the number of seeds is independent of machine load."""
-    out, said = tmp_path_factory.mktemp("main_job"), io.StringIO()
+    out, output = tmp_path_factory.mktemp("main_job"), io.StringIO()
     words = ["--replay", str(walk), "--placement", "recorded", "--noise-seeds", "2", "--out", str(out)]
-    with redirect_stdout(said):
+    with redirect_stdout(output):
         assert main(words) == 0
-    return out, said.getvalue()
+    return out, output.getvalue()
 
 
 def test_a_run_writes_all_documented_files(main_job):
@@ -47,20 +47,20 @@ def test_a_run_writes_all_documented_files(main_job):
     assert [row["controller"] for row in summary["rows"]] == list(LABELS)
 
 
-def said_to_be_written(said):
-    (line,) = (line for line in said.splitlines() if line.startswith("Written to "))
+def announced_files(output):
+    (line,) = (line for line in output.splitlines() if line.startswith("Written to "))
     return line.partition("/: ")[2].split(", ")
 
 
 def test_exactly_the_announced_files_are_written(main_job, tmp_path, capsys):
-    out, said = main_job
+    out, output = main_job
     logs = [f"{name}{end}.npz" for name in LABELS for end in ("", "_compute")]
-    told = [name for name in said_to_be_written(said) if "each controller" not in name]
-    assert sorted([*told, *logs]) == sorted(path.name for path in out.iterdir())
+    announced = [name for name in announced_files(output) if "each controller" not in name]
+    assert sorted([*announced, *logs]) == sorted(path.name for path in out.iterdir())
     # A log measured again, without figures.
     assert main(["--replay", str(out / "mpc.npz"), "--no-figures", "--out", str(tmp_path)]) == 0
-    told = said_to_be_written(capsys.readouterr().out)
-    assert sorted(told) == sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
+    announced = announced_files(capsys.readouterr().out)
+    assert sorted(announced) == sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
 
 
 def test_the_report_has_all_metrics_and_figures_of_the_run(main_job):

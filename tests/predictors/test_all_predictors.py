@@ -38,13 +38,13 @@ def test_forecasting_is_pure_and_independent_of_order(make):
     np.testing.assert_array_equal(again.times_s, times_s[shuffle])
     np.testing.assert_array_equal(again.means_base_m, first.means_base_m[shuffle])
     np.testing.assert_array_equal(again.covariances_m2, first.covariances_m2[shuffle])
-    asked, unasked = make(), make()
+    queried, unqueried = make(), make()
     for i in range(10):
-        for each in (asked, unasked):
+        for each in (queried, unqueried):
             each.update(seen(i * FRAME_S, i * FRAME_S * WALK_M_S, head_yaw=0.1 * i))
-        asked.forecast(i * FRAME_S + np.linspace(0.0, 2.0, 5))
-    np.testing.assert_array_equal(asked.forecast(1.0).means_base_m, unasked.forecast(1.0).means_base_m)
-    np.testing.assert_array_equal(asked.forecast(1.0).covariances_m2, unasked.forecast(1.0).covariances_m2)
+        queried.forecast(i * FRAME_S + np.linspace(0.0, 2.0, 5))
+    np.testing.assert_array_equal(queried.forecast(1.0).means_base_m, unqueried.forecast(1.0).means_base_m)
+    np.testing.assert_array_equal(queried.forecast(1.0).covariances_m2, unqueried.forecast(1.0).covariances_m2)
 
 
 @every_predictor
@@ -176,13 +176,13 @@ def test_forecasts_equal_the_exact_posterior_with_stated_covariances(predictor, 
 def test_stated_noise_equals_configured_noise(make):
     """Configured noise has no effect where another is stated, except on particle roughening."""
     noise_m = 0.004
-    set_to_it, told = make(position_noise_m=noise_m), make(position_noise_m=0.01)
+    configured, told = make(position_noise_m=noise_m), make(position_noise_m=0.01)
     for observation in curve():
         near = replace(observation, position_covariance_m2=None)
-        set_to_it.update(near)
+        configured.update(near)
         told.update(replace(near, position_covariance_m2=noise_m**2 * EYE3))
         times_s = observation.capture_time_s + AHEAD_S
-        a, b = set_to_it.forecast(times_s), told.forecast(times_s)
+        a, b = configured.forecast(times_s), told.forecast(times_s)
         np.testing.assert_allclose(a.means_base_m, b.means_base_m, atol=1e-6)
         np.testing.assert_allclose(a.covariances_m2, b.covariances_m2, rtol=1e-4, atol=1e-9)
 
@@ -192,9 +192,9 @@ def test_the_head_yaw_is_filtered_with_its_stated_deviation(yaw_from, sds):
     """The variances of the relative yaw add; half of the default variance replaces an unstated one."""
     usual_rad = 0.05
     expected = sds[0] ** 2 + (usual_rad**2 / 2.0 if sds[1] is None else sds[1] ** 2)
-    set_to_it = HeadPose(yaw_noise_rad=np.sqrt(expected), yaw_from=yaw_from)
+    configured = HeadPose(yaw_noise_rad=np.sqrt(expected), yaw_from=yaw_from)
     told = HeadPose(yaw_noise_rad=usual_rad, yaw_from=yaw_from)
     for observation in curve():
-        set_to_it.update(observation)
+        configured.update(observation)
         told.update(replace(observation, head_yaw_sd_rad=sds[0], pelvis_yaw_sd_rad=sds[1]))
-    assert told.relative_yaw_rad() == pytest.approx(set_to_it.relative_yaw_rad(), abs=1e-12)
+    assert told.relative_yaw_rad() == pytest.approx(configured.relative_yaw_rad(), abs=1e-12)

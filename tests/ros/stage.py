@@ -84,8 +84,8 @@ class Stage:
 
     def gaze(self, *words, **parameters):
         self.gaze_file = self.folder / f"gaze_{len(self.running)}.npz"
-        asked = NECK_PARAMETERS | {"neck": str(self.neck_file), "log": str(self.gaze_file)} | parameters
-        given = [word for name, value in asked.items() for word in ("-p", f"{name}:={value}")]
+        settings = NECK_PARAMETERS | {"neck": str(self.neck_file), "log": str(self.gaze_file)} | parameters
+        given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
         return self.start("gaze", "-m", "gazempc_ros.gaze", "--ros-args", *given, *words)
 
     def rows(self):
@@ -117,10 +117,10 @@ class Client:
         if self.own:
             rclpy.init(args=[])
         self.node = rclpy.create_node("client")
-        self.heard = defaultdict(list)
+        self.received = defaultdict(list)
 
     def listen(self, kind, topic, qos=10):
-        self.node.create_subscription(kind, topic, self.heard[topic].append, qos)
+        self.node.create_subscription(kind, topic, self.received[topic].append, qos)
 
     def step(self):
         rclpy.spin_once(self.node, timeout_sec=0.02)

@@ -54,10 +54,10 @@ class Head:
         return self.client.result(handle.get_result_async(), timeout_s).status
 
     def joints_rad(self):
-        heard = self.client.heard["/joint_states"]
-        heard.clear()
-        self.client.wait(lambda: heard)
-        return np.array(heard[-1].position[1:])
+        received = self.client.received["/joint_states"]
+        received.clear()
+        self.client.wait(lambda: received)
+        return np.array(received[-1].position[1:])
 
     def off_rad(self, at_m):
         return float(gaze_error_rad(NECK.geometry, self.joints_rad(), np.array(at_m)))

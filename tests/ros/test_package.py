@@ -56,14 +56,14 @@ def test_the_demonstration_shows_markers_and_its_bag_replays(stage):
         running[name] = stage.start(name, "-m", f"gazempc_ros.{name}", "--ros-args", "--params-file", file)
 
     def shown():
-        return {marker.ns for message in client.heard["/gaze/markers"] for marker in message.markers}
+        return {marker.ns for message in client.received["/gaze/markers"] for marker in message.markers}
 
     complete = {"gaze", "attended", "forecast"}
     client.wait(
         lambda: len(raw["/person/pose"]) > 90 and shown() == complete,
         why=f"{running['gaze'].text()}{running['walk'].text()}",
     )
-    last = client.heard["/gaze/markers"][-1].markers
+    last = client.received["/gaze/markers"][-1].markers
     assert all(math.isfinite(each.scale.x) for each in last)
     for process in running.values():
         assert process.stop() == 0, process.text()

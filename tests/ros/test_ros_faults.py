@@ -31,19 +31,19 @@ class Watch:
         client.listen(DiagnosticArray, "/diagnostics")
 
     def values(self):
-        heard = self.client.heard["/diagnostics"]
-        return {each.key: each.value for message in heard for each in message.status[0].values}
+        received = self.client.received["/diagnostics"]
+        return {each.key: each.value for message in received for each in message.status[0].values}
 
     def latest(self):
-        heard = self.client.heard["/diagnostics"]
-        return {each.key: each.value for each in heard[-1].status[0].values} if heard else {}
+        received = self.client.received["/diagnostics"]
+        return {each.key: each.value for each in received[-1].status[0].values} if received else {}
 
     def until(self, *words, timeout_s=60.0):
-        def told():
+        def matches():
             text = str(self.values())
             return all(word in text for word in words)
 
-        self.client.wait(told, timeout_s, why=lambda: f"{words}: {self.values()}")
+        self.client.wait(matches, timeout_s, why=lambda: f"{words}: {self.values()}")
 
     def until_used(self, more=20, timeout_s=60.0):
         """Wait until more observations are used."""
@@ -86,11 +86,11 @@ def test_the_node_recovers_from_lost_trackers_and_controllers(stage):
     controller.stop(signal.SIGINT)
     first = stage.rows()
     watch.until("event robot_not_answering")
-    stage.client().heard["/joint_states"].clear()
+    stage.client().received["/joint_states"].clear()
     turned_rad = first[2][-1] - np.copysign([0.3, 0.0], first[2][-1])
     position = [f"{angle:.6f}" for angle in turned_rad]
     controller = stage.controller("--position", *position)
-    states = stage.client().heard["/joint_states"]
+    states = stage.client().received["/joint_states"]
     stage.client().wait(lambda: len(states) > 100)  # a second of commands
     watch.until_used()
     tracker.stop()
@@ -155,7 +155,7 @@ def test_a_node_stopped_in_motion_brakes_within_limits(stage, how):
     controller, gaze = stage.controller("--position", "-1.0", "0.0"), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())
-    states = head.client.heard["/joint_states"]
+    states = head.client.received["/joint_states"]
 
     def moves():
         return bool(states) and abs(states[-1].velocity[1]) > 1.0

@@ -59,9 +59,9 @@ def test_a_signal_ends_command_and_workers_and_keeps_results(sent, to, tmp_path)
         out, error = process.communicate(timeout=HANG_S)
         assert process.returncode == 128 + sent
         assert out == ""
-        said = [line for line in error.splitlines() if line and "%|" not in line]  # without the progress bar
+        messages = [line for line in error.splitlines() if line and "%|" not in line]  # without the progress bar
         kept = f"3 of 7 results are kept in {tmp_path / 'runs'}"
-        assert said == [f"tiny: interrupted: {kept}; run the same command again to go on"]
+        assert messages == [f"tiny: interrupted: {kept}; run the same command again to go on"]
         assert not any(alive(pid) for pid in workers)
     assert len(list((tmp_path / "runs").glob("*.npz"))) == 3
     assert not list((tmp_path / "runs").glob("*.part"))

@@ -33,11 +33,11 @@ def finished(tmp_path_factory, in_this_process):
     slow = folder / "slow.toml"
     slow.write_text('name = "slow"\nsource = "a test"\nrate_hz = 5.0\nlatency_s = 0.1\n')
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
-    said = io.StringIO()
-    with redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
+    output = io.StringIO()
+    with redirect_stdout(output), pytest.MonkeyPatch.context() as patch:
         patch.setattr("experiments.fit.networks.fit_networks", fitted_once())
         assert main([*words, "--tracker", str(slow), "--jobs", "1", "--out", str(folder / "fit")]) == 0
-    assert "--walker.fitted" in said.getvalue()
+    assert "--walker.fitted" in output.getvalue()
     return folder / "fit"
 
 
@@ -83,9 +83,9 @@ def test_errors_are_by_the_model_fitted_without_the_person():
     scoring = [toy(5, k) for k in range(4)]
     found = errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
     for person, errors, examples in zip(people, found, scoring, strict=True):
-        said = errors.error_m + examples.departure_m
+        output = errors.error_m + examples.departure_m
         expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
-        np.testing.assert_allclose(said[1, :, 0], expected, rtol=1e-5)
+        np.testing.assert_allclose(output[1, :, 0], expected, rtol=1e-5)
         np.testing.assert_array_equal(errors.weight, examples.weight)
 
 

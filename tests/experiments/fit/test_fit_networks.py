@@ -40,8 +40,8 @@ def test_errors_are_weighted_by_the_inverse_covariance():
     off_m, usual_m2 = rng.standard_normal((20, 3, 3)), np.array([0.02, 0.08, 0.2]) ** 2
     noises_m2 = [np.pad(random_covariance(rng, (0.4, 0.01, 0.01))[:2, :2], (0, 1)) for _ in range(20)]
     up_m2 = rng.uniform(0.0, 0.1, 20)
-    told = np.array([[n[0, 0], n[1, 1], n[0, 1], up] for n, up in zip(noises_m2, up_m2, strict=True)])
-    found = seen_distance2(off_m, told, usual_m2)
+    stated = np.array([[n[0, 0], n[1, 1], n[0, 1], up] for n, up in zip(noises_m2, up_m2, strict=True)])
+    found = seen_distance2(off_m, stated, usual_m2)
     for i, noise_m2 in enumerate(noises_m2):
         noise_m2[2, 2] = up_m2[i]
         for k, usual in enumerate(usual_m2):
@@ -109,13 +109,13 @@ def test_the_likelihood_gradient_equals_finite_differences():
     np.testing.assert_allclose(likelihood(x)[1], expected, atol=2e-6)
 
 
-@pytest.mark.parametrize(("said", "v"), [(0.07, 4.0), (0.16, 20.0)])
-def test_calibration_corrects_too_small_and_too_large_scales(said, v):
+@pytest.mark.parametrize(("scale_m", "v"), [(0.07, 4.0), (0.16, 20.0)])
+def test_calibration_corrects_too_small_and_too_large_scales(scale_m, v):
     rng = np.random.default_rng(0)
     u, error = np.ones((8000, 1)), t_errors(rng, 8000, 0.1, v)
     nothing_hidden = np.zeros((1, 0)), np.zeros((0, KNOTS, 3))
-    before = Spread(np.full((1, KNOTS, 3), np.log(said)), *nothing_hidden, np.zeros(KNOTS), v)
+    before = Spread(np.full((1, KNOTS, 3), np.log(scale_m)), *nothing_hidden, np.zeros(KNOTS), v)
     found = calibrate(before, Found(u, np.zeros((8000, 3)), error, np.ones(8000)))
     np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.04)
     assert found.degrees_of_freedom == v
-    np.testing.assert_array_equal(before.log_spread, np.log(said))
+    np.testing.assert_array_equal(before.log_spread, np.log(scale_m))

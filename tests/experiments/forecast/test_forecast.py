@@ -55,7 +55,7 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
     truth, rng = TrueHead(walk), np.random.default_rng(0)
     spread = np.diag([0.01, 0.04, 0.0025])
 
-    class Honest(Perfect):
+    class Calibrated(Perfect):
         def forecast(self, times_s):
             forecast = super().forecast(times_s)
             noise = rng.multivariate_normal(np.zeros(3), spread, size=len(times_s))
@@ -66,7 +66,7 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
                 forecast.issued_at_s,
             )
 
-    nees = forecast_errors(walk, Honest(truth), load_sensor("perfect"), HORIZONS, 0).nees
+    nees = forecast_errors(walk, Calibrated(truth), load_sensor("perfect"), HORIZONS, 0).nees
     assert np.nanmean(nees) == pytest.approx(3.0, rel=0.04)
     known = nees[np.isfinite(nees)]
     assert np.mean(known <= 3.5059) == pytest.approx(0.68, abs=0.02)
@@ -76,13 +76,13 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory, in_this_process):
     """Output folder and text of the command: standing and walking people, and a failing predictor."""
-    folder, said = tmp_path_factory.mktemp("compared"), io.StringIO()
+    folder, output = tmp_path_factory.mktemp("compared"), io.StringIO()
     words = ["--recordings", "subject01_stand", "subject01_R1", "subject02_R4", "--horizons", "0.5", "--jobs", "1"]
     words += ["--no-figures", "--predictors", "default", "last_position", "constant_velocity"]
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output):
         own = own_module(folder, patch)
         assert main([*words, f"{own}:Failing", "--out", str(folder / "out")]) == 4
-    return folder / "out", json.loads((folder / "out" / "summary.json").read_text()), said.getvalue()
+    return folder / "out", json.loads((folder / "out" / "summary.json").read_text()), output.getvalue()
 
 
 def test_the_command_writes_the_table(compared):

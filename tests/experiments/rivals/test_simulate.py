@@ -22,7 +22,7 @@ PERFECT = on_the_head(load_sensor("perfect"))
 SENSOR = PERFECT.model_copy(update={"rate_hz": 30.0, "latency_s": 0.1})
 
 
-class Told:
+class FixedRival:
     """A rival with a fixed answer that records its views."""
 
     name = "told"
@@ -49,7 +49,7 @@ def run(rival, neck: NeckSpec = REFERENCE, trial: str = "still_seated_left", **s
 
 
 def test_a_rival_gets_faces_delayed_with_the_head_pose_at_capture() -> None:
-    rival = Told("velocity", (0.05, 0.0))
+    rival = FixedRival("velocity", (0.05, 0.0))
     run(rival)
     # The head turns while the face stands at 20 deg: absolute angle = head at the capture + angle in the image.
     half = math.radians(PERFECT.view.horizontal_deg / 2.0)
@@ -64,13 +64,13 @@ def test_a_rival_gets_faces_delayed_with_the_head_pose_at_capture() -> None:
 
 
 def test_a_law_that_commands_the_true_direction_is_in_contact() -> None:
-    log = run(Told("position", (math.radians(20.0), math.radians(8.0))))
+    log = run(FixedRival("position", (math.radians(20.0), math.radians(8.0))))
     assert measure(log).gaze_error_rms_deg < 0.01
 
 
 def test_steps_have_the_rivals_rate_and_the_plant_may_differ_from_its_model() -> None:
     """The device is idle only after the move, which starts after the dead time of the true neck."""
-    rival, late = Told("position", (0.5, 0.0), 1.0 / 30.0), {"dead_time_s": 1.0}
+    rival, late = FixedRival("position", (0.5, 0.0), 1.0 / 30.0), {"dead_time_s": 1.0}
     log = run(rival, robot_neck=REFERENCE.model_copy(update={"pan": REFERENCE.pan.model_copy(update=late)}))
     times_s = np.array([view.time_s for view in rival.views])
     np.testing.assert_allclose(times_s, np.arange(times_s.size) / 30.0, atol=0.006)
@@ -82,7 +82,7 @@ def test_steps_have_the_rivals_rate_and_the_plant_may_differ_from_its_model() ->
 
 def test_a_nan_answer_is_refused() -> None:
     with pytest.raises(ValueError, match="told"):
-        run(Told("position", (math.nan, 0.0)))
+        run(FixedRival("position", (math.nan, 0.0)))
 
 
 TIMES_S = np.arange(0.0, 15.0, 0.005)
@@ -123,8 +123,8 @@ def test_settling_time_is_the_last_entry_into_the_band() -> None:
 
 def log_of(pan_deg, truth_deg):
     angles = np.deg2rad(np.stack([pan_deg, np.zeros(pan_deg.size)], axis=1))
-    there = np.deg2rad(truth_deg)
-    head_m = 2.0 * np.stack([np.cos(there), np.sin(there), np.zeros(there.size)], axis=1)
+    truth_rad = np.deg2rad(truth_deg)
+    head_m = 2.0 * np.stack([np.cos(truth_rad), np.sin(truth_rad), np.zeros(truth_rad.size)], axis=1)
     return SimpleNamespace(
         time_s=TIMES_S, joint_position_rad=angles, head_true_base_m=head_m, neck=load_neck("reference")
     )

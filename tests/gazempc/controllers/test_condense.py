@@ -39,7 +39,7 @@ def by_hand(neck, index, lengths, T, zeta, bounded):
     following = np.append(each[1:], each[-1])
     w, ends_s = (each + following) / 2, np.cumsum(each) * neck.control_period_s
     share = math.sqrt(max(4 * zeta**2 - 2, 0.0)) * T
-    squared, wanted = (
+    squared, weighted = (
         np.vstack([q, share * v, T**2 * a]),
         np.vstack([np.eye(n), share * np.gradient(np.eye(n), ends_s, axis=0), np.zeros((n, n))]),
     )
@@ -59,7 +59,7 @@ def by_hand(neck, index, lengths, T, zeta, bounded):
     if bounded:
         rows, constant = [*rows, q / 150.0], np.append(constant, np.zeros(n))
     rows = np.vstack(rows)
-    return H, of_jerk @ np.hstack([squared[:, :5], -wanted]), rows[:, :5], rows[:, 5:], constant
+    return H, of_jerk @ np.hstack([squared[:, :5], -weighted]), rows[:, :5], rows[:, 5:], constant
 
 
 @pytest.mark.parametrize("bounded", [False, True])

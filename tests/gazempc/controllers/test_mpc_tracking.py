@@ -22,9 +22,9 @@ def earliest_arrival_s(distance_rad, tolerance_rad, steps=60):
     bounds, command = np.repeat(each, steps), p.knots[:, 6:]
     jerk = limits.jerk_max_rad_s3[0] / p.jerk_scale
     for first in range(steps):
-        there = p.joint[first:, 6:]
-        ends = np.repeat([distance_rad + tolerance_rad, tolerance_rad - distance_rad], len(there))
-        A, b = np.vstack([command, -command, there, -there]), np.concatenate([bounds, bounds, ends])
+        arrived = p.joint[first:, 6:]
+        ends = np.repeat([distance_rad + tolerance_rad, tolerance_rad - distance_rad], len(arrived))
+        A, b = np.vstack([command, -command, arrived, -arrived]), np.concatenate([bounds, bounds, ends])
         if linprog(np.zeros(steps), A_ub=A, b_ub=b, bounds=(-jerk, jerk)).success:
             return NECK.pan.dead_time_s + (first + 1) * NECK.control_period_s
     raise AssertionError("never")

@@ -182,7 +182,7 @@ class Listener(Mpc):
     def __init__(self, neck, smoothing_time_s, acquisition_time_s, **settings):
         smoothing_time_s = smoothing_time_s or LONGEST_TIME_S  # of these necks
         super().__init__(neck, smoothing_time_s=smoothing_time_s, acquisition_time_s=acquisition_time_s, **settings)
-        self.kept, self.wanted, self._calls = [], lambda situation: True, []
+        self.recorded, self.selects, self._calls = [], lambda situation: True, []
         self.lengths = tuple(self.ocps[0].model.lengths.astype(int).tolist())
         for ocps, time_s, damping in (
             (self.ocps, smoothing_time_s, DAMPING),
@@ -206,12 +206,12 @@ class Listener(Mpc):
     def plan(self, situation):
         self._calls.clear()
         plan = super().plan(situation)
-        if self.wanted(situation):
+        if self.selects(situation):
             states, times_s, dampings, not_past_rad, angles = zip(*self._calls, strict=True)
             offset_rad = situation.joint_offset_rad
             means = situation.forecast.means_base_m
             angles_rad = np.stack(angles, axis=1) + offset_rad
-            self.kept.append(
+            self.recorded.append(
                 Planned(states, offset_rad, times_s, dampings, means, not_past_rad, angles_rad, self.lengths)
             )
         return plan
@@ -268,7 +268,7 @@ def test_the_convex_gaze_is_close_to_the_nonlinear_optimum(name, start_deg, spee
         committed_rad=np.zeros((0, 2)),
     )
     mpc.plan(situation)
-    (planned,) = mpc.kept
+    (planned,) = mpc.recorded
     assert planned.dampings == (ACQUISITION_DAMPING if acquired else DAMPING, DAMPING)
     apart = rms(differences_deg(name, planned))
     print(f"{name}: {apart:.4f} deg RMS")
@@ -285,12 +285,12 @@ def planned_on_walks(walks_dir, name):
         try:
             placed = place(load(path), "side", settings.distance_m, settings.height_m)
             ticks = np.round(np.array([0.15, 0.45, 0.8]) * placed.times_s[-1] * neck.control_rate_hz)
-            mpc.wanted = lambda situation, ticks=ticks: round(situation.start_s * neck.control_rate_hz) in ticks
+            mpc.selects = lambda situation, ticks=ticks: round(situation.start_s * neck.control_rate_hz) in ticks
             replayed(placed, mpc, neck=neck)
         except (PlacementError, LeftOutError):
             continue
-    assert len(mpc.kept) > 9
-    return mpc.kept
+    assert len(mpc.recorded) > 9
+    return mpc.recorded
 
 
 @pytest.mark.slow

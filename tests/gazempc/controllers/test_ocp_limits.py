@@ -40,7 +40,7 @@ def within_limits(model, command, scaled_jerk, room):
 
 def test_the_gain_is_used_exactly_when_no_limit_is_active():
     """The unconstrained optimum by the normal equations: used if feasible, else DAQP solves."""
-    asked = {"gain": 0, "daqp": 0}
+    solved = {"gain": 0, "daqp": 0}
     rng = np.random.default_rng(6)
     for _ in range(200):
         near = rng.uniform(0, 0.9) * rng.choice([-1, 1])
@@ -49,12 +49,12 @@ def test_the_gain_is_used_exactly_when_no_limit_is_active():
         solution = OCP.solve(state, reference)
         free = np.linalg.lstsq(*least_squares(state, reference), rcond=None)[0]
         command = (MODEL.knots @ np.concatenate([state, [1.0], free])).reshape(3, N)
-        asked[solution.solver] += 1
+        solved[solution.solver] += 1
         if solution.solver == "gain":
             assert within_limits(MODEL, solution.command, solution.scaled_jerk, 1e-8)
         else:
             assert not within_limits(MODEL, command, free, -1e-5)
-    assert min(asked.values()) > 25
+    assert min(solved.values()) > 25
 
 
 @settings(max_examples=30)
@@ -64,9 +64,9 @@ def test_without_active_limits_daqp_and_the_gain_agree(unit_state, change, expon
     reference = np.full(N, 10**exponent * change)
     solution = OCP.solve(state, reference)
     g, lower, upper = OCP.changing(parameters(state, reference))
-    asked = Daqp(OCP.program.data).solve(g, lower, upper)
-    assert asked is not None
-    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(joint(OCP, state, asked), abs=1e-9)
+    solved = Daqp(OCP.program.data).solve(g, lower, upper)
+    assert solved is not None
+    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(joint(OCP, state, solved), abs=1e-9)
     assert kkt_residual(OCP.program.data, g, lower, upper, solution.scaled_jerk).stationarity < 1e-9
 
 

@@ -140,6 +140,6 @@ def test_eyes_at_their_limit_are_an_event():
             return plans[-1]
 
     run(Kept(EYES), EYES, standing, 150, start_rad=np.zeros(4))
-    said = ["eyes_at_limit" in plan.events for plan in plans]
-    assert any(said[:15])
-    assert not any(said[-5:])
+    limited = ["eyes_at_limit" in plan.events for plan in plans]
+    assert any(limited[:15])
+    assert not any(limited[-5:])

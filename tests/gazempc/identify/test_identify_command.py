@@ -24,9 +24,9 @@ SERVO = ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
 def test_the_command_identifies_a_robot_and_its_record(tmp_path, capsys):
     out = tmp_path / "sub" / "mine.toml"
     assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "8"]) == 0
-    said = capsys.readouterr().out
-    assert "400.0 ± 0.1" in said
-    assert str(out) in said
+    output = capsys.readouterr().out
+    assert "400.0 ± 0.1" in output
+    assert str(out) in output
     neck = load_neck(out)
     assert neck.name == "mine"
     assert neck.dead_time_s == pytest.approx([0.4, 0.4], abs=1e-4)

@@ -21,8 +21,8 @@ def test_options_suffice_and_assumed_values_are_marked(tmp_path, capsys):
     path = tmp_path / "sub" / "mine.toml"
     words = [*SHEET, "--sheet.tilt-speed", "90 deg/s", "--sheet.head-view-deg", "69", "42"]
     assert main(["--new", str(path), *words]) == 0
-    said = capsys.readouterr().out
-    assert str(path) in said
+    output = capsys.readouterr().out
+    assert str(path) in output
     neck = load_neck(path)
     assert neck.name == "mine"
     assert datetime.date.today().isoformat() in neck.source
@@ -52,9 +52,9 @@ def test_missing_values_are_prompted_for_until_valid(tmp_path, monkeypatch, caps
     answers = iter(["-70, 80", "fast", "0.2 s/60deg", "10 50", "40 -30", "5.2 rad/s"])
     monkeypatch.setattr("builtins.input", lambda question: next(answers))
     assert main(["--new", str(tmp_path / "asked.toml")]) == 0
-    said = capsys.readouterr().out
-    assert "'fast'" in said
-    assert "'10 50'" in said
+    output = capsys.readouterr().out
+    assert "'fast'" in output
+    assert "'10 50'" in output
     assert list(answers) == []
     neck = load_neck(tmp_path / "asked.toml")
     assert (neck.pan.position_min_deg, neck.pan.position_max_deg) == (-70.0, 80.0)

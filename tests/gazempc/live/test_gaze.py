@@ -218,7 +218,7 @@ LEFT_M, RIGHT_M = [2.0, 0.8, 0.3], [2.5, -1.0, 0.3]
 
 @pytest.mark.slow
 def test_the_speaker_is_attended_and_thinking_averts_the_gaze():
-    told, robot = [], Robot()
+    thinking, robot = [], Robot()
     settings = {"hysteresis_s": 0.2, "dwell_s": 0.2}
     with gaze(robot, attend="speaker", attention=settings) as opened:
         start_s = time.monotonic()
@@ -228,8 +228,8 @@ def test_the_speaker_is_attended_and_thinking_averts_the_gaze():
             opened.see(now_s, RIGHT_M, person_id="bob")
             if elapsed_s > 0.4:
                 opened.hear(math.atan2(RIGHT_M[1], RIGHT_M[0]))
-            if elapsed_s > 1.1 and not told:
-                told.append(opened.think(0.6))
+            if elapsed_s > 1.1 and not thinking:
+                thinking.append(opened.think(0.6))
             time.sleep(1 / 30)
         assert opened.attended.number == 2
         assert opened.warnings == ()

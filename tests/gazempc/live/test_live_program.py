@@ -23,19 +23,19 @@ def test_a_run_from_standard_input_to_its_end(tmp_path):
         program.walk(1.2)  # metrics are of logs longer than a second
         program.process.stdin.write(b"this is no observation\n")
         program.walk(0.2)
-        said, complained = program.end()
-        assert program.process.returncode == 0, complained
-    assert "Traceback" not in complained
-    summary, log = check_output(tmp_path, said)
+        output, errors = program.end()
+        assert program.process.returncode == 0, errors
+    assert "Traceback" not in errors
+    summary, log = check_output(tmp_path, output)
     assert summary["stopped_by"] == "end of the source"
     # The second walk begins where the first one began, too far away for one step.
     gated = summary["refused"].pop("gate_refused")
     assert (summary["observations"], summary["used"] + gated, summary["refused"]) == (43, 42, {"bad_observation": 1})
-    assert said.splitlines()[-1] == f"{42 - gated} of 43 used: {gated} gate, 1 unreadable"
-    assert any("m away; " in line and "observations/s" in line for line in said.splitlines())
-    assert f"bad_observation: {Event.BAD_OBSERVATION.meaning}" in said
+    assert output.splitlines()[-1] == f"{42 - gated} of 43 used: {gated} gate, 1 unreadable"
+    assert any("m away; " in line and "observations/s" in line for line in output.splitlines())
+    assert f"bad_observation: {Event.BAD_OBSERVATION.meaning}" in output
     assert summary["warnings"] == []
-    assert "bad_observation: standard input, line 37" in complained
+    assert "bad_observation: standard input, line 37" in errors
     # Values that a live run cannot measure are null.
     assert summary["metrics_of_last_log"]["gaze_error_rms_deg"] is None
     assert summary["end_to_end_latency_ms"]["p50"] > 30.0
@@ -48,9 +48,9 @@ def test_a_signal_during_the_start_ends_the_program_in_order(tmp_path):
     with Program("--source", "stdin", "--robot", "simulated", "--out", tmp_path) as program:
         program.until_it_takes_signals()
         program.process.send_signal(signal.SIGINT)
-        said, complained = program.end()
-        assert (program.process.returncode, complained) == (0, "")
-    assert said == "gazempc.live: stopped before the robot was connected\n"
+        output, errors = program.end()
+        assert (program.process.returncode, errors) == (0, "")
+    assert output == "gazempc.live: stopped before the robot was connected\n"
     assert not list(tmp_path.iterdir())
 
 

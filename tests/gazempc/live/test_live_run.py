@@ -25,7 +25,7 @@ from gazempc.sim.sensor import observe
 def test_on_a_simulated_clock_a_live_run_equals_the_replay():
     placed = reordered(synthetic("subject05_R6"), range(75))
     settings = ReplaySettings()
-    wanted = replayed(placed, settings=settings)
+    replay_log = replayed(placed, settings=settings)
     first_m = observe(placed, SENSOR, 0)[0].observation.head_position_base_m
     live = run_live(
         walk=placed,
@@ -34,12 +34,12 @@ def test_on_a_simulated_clock_a_live_run_equals_the_replay():
         start_rad=look_at_rad(NECK.geometry, first_m),
         duration_s=None,
     )
-    n, m = wanted.time_s.size, wanted.capture_time_s.size
+    n, m = replay_log.time_s.size, replay_log.capture_time_s.size
     for name in ("time_s", "command_position_rad", "joint_position_rad", "head_true_base_m"):
-        np.testing.assert_allclose(live.joined(name)[:n], getattr(wanted, name), atol=1e-9, rtol=0)
+        np.testing.assert_allclose(live.joined(name)[:n], getattr(replay_log, name), atol=1e-9, rtol=0)
     for name in ("capture_time_s", "arrival_time_s", "head_observed_base_m", "forecast_mean_base_m"):
-        np.testing.assert_allclose(live.joined(name)[:m], getattr(wanted, name), atol=1e-9, rtol=0)
-    assert live.joined("event_name").tolist() == wanted.event_name.tolist()
+        np.testing.assert_allclose(live.joined(name)[:m], getattr(replay_log, name), atol=1e-9, rtol=0)
+    assert live.joined("event_name").tolist() == replay_log.event_name.tolist()
     # What follows is the stop.
     assert len(live.joined("time_s")) - n < 0.4 / TS
 

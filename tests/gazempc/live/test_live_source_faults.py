@@ -92,8 +92,8 @@ def test_a_fast_clock_is_an_event_and_refused_senders_are_reported_every_10_s(ca
     for frame in range(301):
         clock.sleep_until_s(frame / 30)
         list(arrivals.take(clock.now_s(), recorder))
-    said = [record.getMessage() for record in caplog.records if "stranger" in record.getMessage()]
-    assert said == [f"sender_refused: a stranger at {k} s" for k in (0, 10)]
+    messages = [record.getMessage() for record in caplog.records if "stranger" in record.getMessage()]
+    assert messages == [f"sender_refused: a stranger at {k} s" for k in (0, 10)]
     assert recorder.refusals["sender_refused"] == 301
     assert {text.partition(":")[0] for text in report.warnings} == {"sender_refused", "clock_shifted", "wrong_clock"}
     assert [recorder.events.count(name) for name in ("clock_shifted", "wrong_clock")] == [1, 1]
@@ -142,12 +142,12 @@ def test_entering_leaving_and_renamed_people_are_events():
 
     def change(now_s, sighting):
         seen = sighting.observation
-        there = [(seen.head_position_base_m, "a" if now_s < 3.0 else "c")]
+        people_m = [(seen.head_position_base_m, "a" if now_s < 3.0 else "c")]
         if 2.0 <= now_s < 2.2:
-            there.append((there[0][0] + [0.1, 0.0, 0.0], "body"))
+            people_m.append((people_m[0][0] + [0.1, 0.0, 0.0], "body"))
         if 1.0 <= now_s < 2.5 or now_s >= 4.0:
-            there.append((np.array([4.0, 2.5, 0.3]), "b"))
-        observed = [dataclasses.replace(seen, head_position_base_m=at_m, person_id=name) for at_m, name in there]
+            people_m.append((np.array([4.0, 2.5, 0.3]), "b"))
+        observed = [dataclasses.replace(seen, head_position_base_m=at_m, person_id=name) for at_m, name in people_m]
         return [Sighting(sighting.arrival_s, each) for each in observed]
 
     attended = AttendedPeople(ConstantVelocity, Attention(Nearest(), AttentionSettings()), LoopSettings())

@@ -117,9 +117,9 @@ def test_the_probe_prints_power_position_and_top_speeds(capsys):
     with camera() as (server, _):
         assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 0
         assert not server.driven
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for line in ("power           on", "position        0 and 0 counts", "fastest speeds  24 and 20"):
-        assert line in said
+        assert line in output
     assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 2
     assert main(["--robot", "simulated", "--probe"]) == 2
 

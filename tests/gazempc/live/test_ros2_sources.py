@@ -187,11 +187,11 @@ def test_a_python_gaze_receives_ros_cues(stage):
     )
     run = LiveRun(replace(setup, more_sources=(cues,)), lambda log, times: None)
 
-    def heard():
+    def publish():
         for degrees in (20, 1000):
             stage.put("/heard", INT, make_message(INT, data=degrees))
 
-    run.run(threading.Event(), 0.3, heard)
+    run.run(threading.Event(), 0.3, publish)
     assert run.logs.events["bad_observation"] == 1
     (sound,) = setup.several.several.attention._sounds
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20)

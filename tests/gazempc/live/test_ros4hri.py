@@ -24,7 +24,7 @@ def opened(stage, base_frame=None):
     )
 
 
-def heard(source, stage, topic, type_name, data):
+def publish(source, stage, topic, type_name, data):
     stage.put(topic, type_name, data)
     source.poll()
 
@@ -78,15 +78,15 @@ def test_a_face_is_transformed_from_a_turning_camera(stage):
 
 def test_a_person_has_one_name_whatever_face_they_have(stage):
     source = opened(stage)
-    heard(source, stage, PERSONS, IDS, tracked("anna"))
-    heard(source, stage, "/humans/persons/anna/face_id", TEXT, text("f1"))
+    publish(source, stage, PERSONS, IDS, tracked("anna"))
+    publish(source, stage, "/humans/persons/anna/face_id", TEXT, text("f1"))
     stage.tf(transform("face_f1", [1.0, 0.0, 0.0]), transform("face_f9", [2.0, 1.0, 0.0]))
     assert names(polled(source, 2)[0]) == ["anna", "f9"]
-    heard(source, stage, "/humans/persons/anna/face_id", TEXT, text("f2"))
+    publish(source, stage, "/humans/persons/anna/face_id", TEXT, text("f2"))
     stage.tf(transform("face_f2", [1.0, 0.0, 0.0]), transform("face_f1", [1.0, 2.0, 0.0], at_s=NOW_S - 0.05))
     assert names(polled(source, 2)[0]) == ["anna", "f1"]
     # A person no longer tracked has no face: the face keeps its own id.
-    heard(source, stage, PERSONS, IDS, tracked("bob"))
+    publish(source, stage, PERSONS, IDS, tracked("bob"))
     stage.tf(transform("face_f2", [1.0, 0.0, 0.0], at_s=NOW_S - 0.02))
     assert names(polled(source, 1)[0]) == ["f2"]
 
@@ -99,7 +99,7 @@ def test_a_body_is_used_without_a_face(stage):
     body = leaning.as_quat(scalar_first=True)
     # A robot may have such frames.
     stage.tf(transform("body_b", hips_m, body, at_s=NOW_S - 0.4))
-    heard(source, stage, BODIES, IDS, tracked("b"))
+    publish(source, stage, BODIES, IDS, tracked("b"))
     stage.tf(transform("body_b", hips_m, body, at_s=NOW_S - 0.3), transform("body_other", hips_m))
     (seen,), problems = polled(source, 1)
     assert (seen.person_id, problems, seen.head_quat_wxyz) == ("b", [], None)
@@ -135,9 +135,9 @@ def test_a_missing_publisher_is_reported_once_per_absence(stage):
 def test_a_skeleton_is_observed_at_its_head_joint(stage):
     """A chain of static and moving transforms: head, neck joint, torso, hips."""
     source = opened(stage)
-    heard(source, stage, PERSONS, IDS, tracked("anna"))
-    heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"))
-    heard(source, stage, BODIES, IDS, tracked("b"))
+    publish(source, stage, PERSONS, IDS, tracked("anna"))
+    publish(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"))
+    publish(source, stage, BODIES, IDS, tracked("b"))
     stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
     for at_s in (NOW_S - 0.1, NOW_S - 0.05):
         stage.tf(

@@ -130,12 +130,12 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
         found.until(lambda c: numbers(c.sightings)[-1] == 6)
     clock.ahead_s = 120.0
 
-    def heard(collector):
+    def rebound(collector):
         stranger.sendto(line(7), ("127.0.0.1", port))
         return 7 in numbers(collector.sightings)
 
     if sys.platform == "linux":  # which reports that a port is closed
-        found.until(heard)  # a restarted tracker has another port
+        found.until(rebound)  # a restarted tracker has another port
     stranger.close()
     with pytest.raises(SourceError, match=f"UDP 127.0.0.1:{port}"):
         LineSource(UdpPort("127.0.0.1", port), clock).open()

@@ -110,27 +110,27 @@ def test_nobody_is_attended_while_all_people_are_lost():
 
 @pytest.mark.parametrize("answer", [None, "a", [1.0, 2.0, 3.0], float("nan")])
 def test_an_invalid_policy_answer_is_an_event_and_the_run_continues(answer):
-    class Nonsense:
+    class InvalidScores:
         def reset(self):
             pass
 
         def scores(self, company):
             return answer
 
-    bench = Bench(Nonsense()).show(0.5, stands(2.0))
+    bench = Bench(InvalidScores()).show(0.5, stands(2.0))
     assert "policy_failed" in bench.events
     assert bench.attended == []
 
 
 def test_a_policy_may_exclude_all_people():
-    class Nobody:
+    class ExcludesAll:
         def reset(self):
             pass
 
         def scores(self, company):
             return [np.nan if company.time_s > 0.6 else 1.0] * len(company.people)
 
-    bench = Bench(Nobody()).show(1.5, stands(2.0))
+    bench = Bench(ExcludesAll()).show(1.5, stands(2.0))
     assert bench.attended == [(1, "policy"), (0, "nobody")]
     assert "nobody_attended" in bench.events
 

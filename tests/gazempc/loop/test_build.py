@@ -116,7 +116,7 @@ def failing(method, how):
 
 
 @pytest.mark.parametrize(
-    ("method", "how", "said"),
+    ("method", "how", "message"),
     [
         ("reset", RuntimeError("broken"), r"RuntimeError: broken \(Failing.reset\(\)\)"),
         ("update", KeyError("x"), r"KeyError: .*Failing.update"),
@@ -134,13 +134,13 @@ def failing(method, how):
         ),
     ],
 )
-def test_an_invalid_predictor_is_reported(method, how, said):
-    with pytest.raises(SettingsError, match=f"predictor Failing: {said}"):
+def test_an_invalid_predictor_is_reported(method, how, message):
+    with pytest.raises(SettingsError, match=f"predictor Failing: {message}"):
         check_predictor(failing(method, how))
 
 
 @pytest.mark.parametrize(
-    ("method", "result", "said"),
+    ("method", "result", "message"),
     [
         ("forecast_times_s", np.zeros((2, 2)), r"shape \(2, 2\)"),
         ("forecast_times_s", np.array([np.nan]), "1 times, .* finite"),
@@ -148,12 +148,12 @@ def test_an_invalid_predictor_is_reported(method, how, said):
         ("plan", None, "NoneType, needed is a Plan"),
     ],
 )
-def test_an_invalid_controller_is_reported(method, result, said):
+def test_an_invalid_controller_is_reported(method, result, message):
     class Wrong(gz.Reactive):
         pass
 
     setattr(Wrong, method, lambda self, *arguments: result)
-    with pytest.raises(SettingsError, match=said):
+    with pytest.raises(SettingsError, match=message):
         check_controller(Wrong(NECK), NECK)
 
 

@@ -138,11 +138,11 @@ def test_an_implausible_measurement_is_refused_and_changes_nothing(bad):
         untouched.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
     observer.update(0.5, bad)
     untouched.update(0.5, None)
-    got, wanted = observer.estimate, untouched.estimate
+    got, reference = observer.estimate, untouched.estimate
     assert observer.refused
     assert not untouched.refused
-    assert np.array_equal(got.position_rad, wanted.position_rad)
-    assert np.array_equal(got.offset_rad, wanted.offset_rad)
+    assert np.array_equal(got.position_rad, reference.position_rad)
+    assert np.array_equal(got.offset_rad, reference.offset_rad)
 
 
 def test_a_repeated_measurement_counts_once():

@@ -85,25 +85,25 @@ DELAY_TICKS = 6
 DELAYED = LoopSettings(compute_delay_s=DELAY_TICKS * TS)
 
 
-class Told(Mpc):
+class RecordingMpc(Mpc):
     """An MPC that records the commands committed before its plan."""
 
     def __init__(self, neck):
         super().__init__(neck)
-        self.told = []
+        self.recorded = []
 
     def plan(self, situation):
-        self.told.append((situation.start_s, situation.committed_rad.copy(), situation.command.position_rad.copy()))
+        self.recorded.append((situation.start_s, situation.committed_rad.copy(), situation.command.position_rad.copy()))
         return super().plan(situation)
 
 
 def test_committed_commands_equal_those_sent():
     """Also from the tick at which a plan pending at the request takes effect."""
-    controller = Told(NECK)
+    controller = RecordingMpc(NECK)
     log = LoopBench(controller=controller, settings=DELAYED).run(3.0)
-    told = [each for each in controller.told if 1.0 < each[0] < 2.9]
-    assert len(told) > 80
-    for start_s, committed_rad, command_rad in told:
+    recorded = [each for each in controller.recorded if 1.0 < each[0] < 2.9]
+    assert len(recorded) > 80
+    for start_s, committed_rad, command_rad in recorded:
         start = round(start_s / TS)
         sent_rad = log.command_position_rad[start - DELAY_TICKS : start]
         np.testing.assert_allclose(committed_rad, sent_rad, atol=1e-7)

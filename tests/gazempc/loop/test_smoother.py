@@ -48,10 +48,10 @@ def test_a_feasible_plan_is_followed_exactly(seed):
     smoother = Smoother(NECK, np.zeros(2))
     ticks = 4 * 39
     followed = roll(smoother, plan, ticks)
-    wanted = np.array([plan.at(k * TS).position_rad for k in range(ticks)])
-    inside = np.all((wanted > LIMITS.position_min_rad + 0.3) & (wanted < LIMITS.position_max_rad - 0.3), axis=1)
+    planned = np.array([plan.at(k * TS).position_rad for k in range(ticks)])
+    inside = np.all((planned > LIMITS.position_min_rad + 0.3) & (planned < LIMITS.position_max_rad - 0.3), axis=1)
     until = ticks if inside.all() else int(np.argmin(inside))
-    assert np.rad2deg(np.abs(followed - wanted)[:until]).max(initial=0) < 1e-3
+    assert np.rad2deg(np.abs(followed - planned)[:until]).max(initial=0) < 1e-3
     assert_within_limits(followed, np.zeros(2))
 
 
@@ -88,8 +88,8 @@ def test_a_ramp_is_caught_and_followed_without_lag():
     p = np.stack([0.17 + speed * times, np.zeros_like(times)], axis=1)
     plan = Plan(0.0, 0.02, p, np.tile([speed, 0.0], (times.size, 1)), np.zeros_like(p))
     followed = roll(smoother, plan, 300)
-    wanted = np.array([plan.at(k * TS).position_rad for k in range(300)])
-    error_deg = np.rad2deg(np.abs(followed - wanted)[:, 0])
+    planned = np.array([plan.at(k * TS).position_rad for k in range(300)])
+    error_deg = np.rad2deg(np.abs(followed - planned)[:, 0])
     assert error_deg[-1] < 1e-6
     caught_s = np.argmax(error_deg < 0.01) * TS
     assert caught_s < 0.4

@@ -220,13 +220,13 @@ SPEEDS = st.lists(st.floats(1e-3, 10.0), min_size=1, max_size=20).map(lambda eac
 
 
 @given(SPEEDS, SPEEDS, st.floats(-12.0, 12.0))
-def test_the_nearest_speed_step_minimises_the_distance(up, down, wanted):
+def test_the_nearest_speed_step_minimises_the_distance(up, down, requested):
     steps = SpeedSteps(positive_rad_s=up, negative_rad_s=down)
-    found = steps.step(wanted)
+    found = steps.step(requested)
     assert -len(down) <= found <= len(up)
     by_hand = 0.0 if found == 0 else up[found - 1] if found > 0 else -down[-found - 1]
     assert steps.speed_rad_s(found) == by_hand
-    assert abs(by_hand - wanted) == min(abs(speed - wanted) for speed in (0.0, *up, *(-speed for speed in down)))
+    assert abs(by_hand - requested) == min(abs(speed - requested) for speed in (0.0, *up, *(-speed for speed in down)))
 
 
 def test_a_speed_table_is_read_from_a_neck_file(tmp_path):

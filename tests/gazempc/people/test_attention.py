@@ -48,13 +48,13 @@ def test_approaching_prefers_the_fastest_approach_else_the_nearest():
 def test_the_speaker_is_located_by_sound_and_kept_in_a_pause():
     left, right = person(1, 2.0, 1.0), person(2, 2.0, -1.0)
     policy = make_policy("speaker", {})
-    said = Sound(0.0, math.atan2(-1.0, 2.0) + math.radians(10.0))
-    assert np.argmax(scores(policy, [left, right], 0.1, [said])) == 1
+    speech = Sound(0.0, math.atan2(-1.0, 2.0) + math.radians(10.0))
+    assert np.argmax(scores(policy, [left, right], 0.1, [speech])) == 1
     assert np.argmax(scores(policy, [person(1, 1.0, 0.5), right], 5.0)) == 1
     # A sound far from each person, and older than a pause, has no speaker.
     assert np.argmax(scores(policy, [left, right], 6.0, [Sound(5.9, math.pi)])) == 1
     answer = Sound(6.1, math.atan2(1.0, 2.0))
-    assert np.argmax(scores(policy, [left, right], 6.2, [said, answer])) == 0
+    assert np.argmax(scores(policy, [left, right], 6.2, [speech, answer])) == 0
 
 
 def test_a_named_policy_attends_no_other_person():

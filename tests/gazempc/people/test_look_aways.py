@@ -95,8 +95,8 @@ def test_the_gaze_stays_averted_until_the_utterance():
 
 def test_infeasible_look_aways_are_reduced_or_omitted():
     slow = load_neck("slow")
-    asked = Aversion(0.0, 1.0, 0.26, 0.0, "speaking")
-    done = fitted(asked, slow)
+    requested = Aversion(0.0, 1.0, 0.26, 0.0, "speaking")
+    done = fitted(requested, slow)
     assert 0.1 < done.aside_rad < 0.26
     assert fitted(Aversion(0.0, 0.2, 0.26, 0.0, "speaking"), slow) is None
     assert not LookAways(slow).glance(0.0, np.array([0.0, 2.0, 0.0]), PERSON_M, 0.5)
@@ -159,7 +159,7 @@ FROZEN_M, TURNS = np.array([2.0, 0.5, 0.3]), (np.array([1.0, 0.0, 0.0, 0.0]), np
 MPC = Mpc(NECK)
 
 
-class Whim:
+class RandomPolicy:
     """A policy with random scores, exceptions and wrong lengths."""
 
     def __init__(self, rng):
@@ -198,7 +198,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
     rng, clock, recorder, cues = np.random.default_rng(seed), SimulatedClock(), make_recorder(), Cues()
     robot = SimulatedNeck(NECK, np.zeros(2), clock.now_s)
     robot.connect()
-    attention = Attention(Whim(rng), AttentionSettings(hysteresis_s=0.05, dwell_s=0.1))
+    attention = Attention(RandomPolicy(rng), AttentionSettings(hysteresis_s=0.05, dwell_s=0.1))
     target = AttendedPeople(ConstantVelocity, attention, LoopSettings())
     away = LookingAway(target, LookAways(NECK, "speaking", seed), cues)
     MPC.reset()
@@ -207,7 +207,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
     loop = GazeLoop(NECK, away, planner, Smoother(NECK, np.zeros(2)), robot, recorder, LoopSettings())
     places_m = rng.uniform([-3.0, -3.0, -0.5], [4.0, 3.0, 1.0], (people, 3))
     speeds_m_s = rng.uniform(-1.5, 1.5, (people, 3))
-    told = [Thinking(1.0), Speech(1.3), Glance(rng.uniform(-2.0, 2.0, 3), 0.8), Rhythm("listening"), Thinking(-1.0)]
+    sent = [Thinking(1.0), Speech(1.3), Glance(rng.uniform(-2.0, 2.0, 3), 0.8), Rhythm("listening"), Thinking(-1.0)]
     for index in range(int(SECONDS / TS)):
         time_s = index * TS
         clock.sleep_until_s(time_s)
@@ -215,7 +215,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
         if index % 7 == 0:
             arrived = list(seen_at(rng, time_s, places_m + time_s * speeds_m_s, ["a", "b", None]))
         if rng.random() < 0.01:
-            cues.put(told[rng.integers(len(told))])
+            cues.put(sent[rng.integers(len(sent))])
         loop.tick(index, time_s, arrived)
     log, _ = recorder.finish(run_info(NECK), lambda times_s: np.full((times_s.size, 3), np.nan))
     assert limit_violations(log, NECK) == 0

@@ -206,12 +206,12 @@ def test_association_is_one_to_one_and_track_numbers_are_unique(data):
     assert seen == set(range(1, max(seen, default=0) + 1))
 
 
-@pytest.mark.parametrize(("rate_hz", "there"), [(30.0, 1), (2.5, 1), (0.9, 0)])
-def test_tracks_are_confirmed_above_a_minimum_frame_rate(rate_hz, there):
+@pytest.mark.parametrize(("rate_hz", "tracks_expected"), [(30.0, 1), (2.5, 1), (0.9, 0)])
+def test_tracks_are_confirmed_above_a_minimum_frame_rate(rate_hz, tracks_expected):
     people = People(ConstantVelocity)
     for k in range(4):
         people.see([HeadObservation(k / rate_hz, np.array([2.0, 0.0, 0.3]))])
-    assert len(people.confirmed) == there
+    assert len(people.confirmed) == tracks_expected
 
 
 def at(pan_deg, tilt_deg, range_m):

@@ -217,10 +217,10 @@ EXPORTS = {
 
 @pytest.mark.parametrize("name", EXPORTS)
 def test_exports_are_read_and_one_line_states_what_was_inferred(tmp_path, name):
-    tree, how, said = EXPORTS[name]
+    tree, how, expected_words = EXPORTS[name]
     recording = load(sk.write_bvh(tmp_path / "walk.bvh", tree, **how))
     assert_walk(recording)
-    for words in [*said, "the options bvh_unit_m, bvh_up_axis, bvh_head_joint"]:
+    for words in [*expected_words, "the options bvh_unit_m, bvh_up_axis, bvh_head_joint"]:
         assert words in recording.notes[0]
 
 

@@ -137,10 +137,10 @@ def test_head_and_body_point_along_their_rotations():
     joints = dict(zip(log.neck.joint_names, log.joint_position_rad[k], strict=True))
     body = Rotation.from_euler("z", joints["body_yaw"])
     head = body * Rotation.from_euler("z", joints["pan"]) * Rotation.from_euler("y", -joints["tilt"])
-    wanted = {"robot's head": head.apply([1, 0, 0]), "robot's body": body.apply([1, 0, 0])}
+    expected = {"robot's head": head.apply([1, 0, 0]), "robot's body": body.apply([1, 0, 0])}
     found = {part.label: part.direction[k] for part in parts(log)}
-    assert found.keys() == wanted.keys()
-    for label, direction in wanted.items():
+    assert found.keys() == expected.keys()
+    for label, direction in expected.items():
         np.testing.assert_allclose(found[label], direction, atol=1e-12)
 
 

@@ -124,12 +124,12 @@ def test_forecast_metrics(log):
     assert m.forecast_nees_500 == pytest.approx(np.mean(nees))
     v = log.forecast_degrees_of_freedom[known]
     assert np.median(v) < 100.0  # of the first frame, by the filter, it is infinite
-    for share, told in ((0.68, m.forecast_coverage_68_500), (0.95, m.forecast_coverage_95_500)):
+    for share, coverage in ((0.68, m.forecast_coverage_68_500), (0.95, m.forecast_coverage_95_500)):
         # Of a t distribution with this covariance, or of a normal one.
         tailed = np.isfinite(v)
         limits = np.full(v.size, chi2.ppf(share, 3))
         limits[tailed] = 3.0 * (v[tailed] - 2.0) / v[tailed] * f_distribution.ppf(share, 3, v[tailed])
-        assert told == pytest.approx(np.mean(np.array(nees) < limits))
+        assert coverage == pytest.approx(np.mean(np.array(nees) < limits))
 
 
 def test_smoothness_equals_the_published_algorithm():

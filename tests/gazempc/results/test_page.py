@@ -205,9 +205,9 @@ def test_mean_and_standard_deviation_over_the_seeds():
     gaps = [0.9, 10 / 12, 9.5 / 11]
     assert mpc.mean("gap_closed") == pytest.approx(np.mean(gaps))
     assert mpc.sd("gap_closed") == pytest.approx(np.std(gaps, ddof=1))
-    told = mpc.as_dict()
-    assert told["per_seed"]["gaze_error_rms_deg"] == [1.0, 2.0, 1.5]
-    assert (told["controller"], told["mean"]["gaze_error_rms_deg"]) == ("mpc", 1.5)
+    figures = mpc.as_dict()
+    assert figures["per_seed"]["gaze_error_rms_deg"] == [1.0, 2.0, 1.5]
+    assert (figures["controller"], figures["mean"]["gaze_error_rms_deg"]) == ("mpc", 1.5)
 
 
 def test_the_table_shows_spread_highest_peaks_and_all_violations():

@@ -249,10 +249,10 @@ def test_recovery_after_a_power_loss(tmp_path):
         for motor in rig.motors.values():
             motor.answers = False
         rig.refuses("check power")
-        asked = len(rig.bus.received)
+        requests = len(rig.bus.received)
         for _ in range(50):  # no retry within 0.1 s, so that ticks are not delayed
             rig.refuses("check power")
-        assert len(rig.bus.received) == asked
+        assert len(rig.bus.received) == requests
         for motor, position in zip(rig.motors.values(), (2300, 1900), strict=True):
             motor.answers = True
             motor.restart(position)

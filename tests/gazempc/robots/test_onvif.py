@@ -101,8 +101,8 @@ def test_a_wrong_password_is_reported_and_never_shown(caplog, capfd, monkeypatch
         robot = robot_of(server)
         with pytest.raises(RobotError, match="user or password refused") as caught:
             robot.connect()
-    told = capfd.readouterr()
-    everything = "".join([caplog.text, told.out, told.err, repr(caught.value), repr(vars(robot)), str(caught.value)])
+    text = capfd.readouterr()
+    everything = "".join([caplog.text, text.out, text.err, repr(caught.value), repr(vars(robot)), str(caught.value)])
     assert wrong not in everything
     assert caught.value.__cause__ is None
     assert caught.value.__suppress_context__

@@ -108,8 +108,8 @@ def test_messages_equal_the_recording_and_the_last_is_flushed_on_close(server, m
     """Commands of the recording, made there by other code: the daemon's head went left and up."""
     neck = make()
     for _, message in recorded("sent", "set_full_target")[::10]:
-        asked = head_angles(np.array(message["head"]).reshape(4, 4))
-        np.testing.assert_allclose(neck.send_command(asked), asked, atol=1e-12)
+        angles_rad = head_angles(np.array(message["head"]).reshape(4, 4))
+        np.testing.assert_allclose(neck.send_command(angles_rad), angles_rad, atol=1e-12)
         wait_for(lambda m=message: server.received and np.allclose(server.received[-1]["head"], m["head"]))
         got = server.received[-1]
         assert set(got) == set(message)

@@ -86,14 +86,14 @@ def test_every_command_has_derivatives_and_a_stop_point(node, made):
     driver = Driver(node)
     robot = connected(made, driver, joint_signs=(1.0, -1.0))
     smoother = Smoother(NECK, np.zeros(2))
-    wanted = [smoother.step(k / NECK.servo_rate_hz, _to([0.6, -0.3])) for k in range(60)]
+    expected = [smoother.step(k / NECK.servo_rate_hz, _to([0.6, -0.3])) for k in range(60)]
     found = []
-    for rad in wanted:
+    for rad in expected:
         assert np.array_equal(robot.send_command(rad), rad)
         found += wait_for(driver.commands.take)
     assert len(found) == 60
     signs, period_s = np.array([1.0, -1.0]), NECK.servo_period_s
-    before = np.array([signs * first for first in wanted])
+    before = np.array([signs * first for first in expected])
     for k in range(2, 60):
         point, stop = found[k].points[0], found[k].points[-1]
         assert list(found[k].joint_names) == list(JOINTS)

@@ -123,8 +123,8 @@ class SecondLater:
         pass
 
     def scores(self, company):
-        wanted = 2 if company.time_s >= WANTED_FROM_S else 1
-        return [float(person.number == wanted) for person in company.people]
+        preferred = 2 if company.time_s >= WANTED_FROM_S else 1
+        return [float(person.number == preferred) for person in company.people]
 
 
 @pytest.mark.parametrize("controller", ["mpc", "lookahead"])

@@ -217,14 +217,14 @@ def test_a_replay_of_rare_frames_warns_once_and_prints_how_much_is_scored(tmp_pa
     np.savetxt(tmp_path / "slow.csv", np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
     words = ["--replay", str(tmp_path / "slow.csv"), "--controllers", "lookahead", "--no-figures"]
     assert run_main([*words, "--noise-seeds", "1", "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    assert "Note: 3.0 frames a second" in said
-    assert said.count("low_frame_rate") == 0
+    output = capsys.readouterr().out
+    assert "Note: 3.0 frames a second" in output
+    assert output.count("low_frame_rate") == 0
     log = gz.load_log(tmp_path / "out" / "lookahead.npz")
     known = int(np.isfinite(log.head_true_base_m).all(axis=1).sum())
-    assert f"Note: the true head is known at {known} of {log.time_s.size} ticks" in said
+    assert f"Note: the true head is known at {known} of {log.time_s.size} ticks" in output
     notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
-    assert [f"Note: {note}" in said for note in notes] == [True, True]
+    assert [f"Note: {note}" in output for note in notes] == [True, True]
 
 
 def test_too_few_frames_are_not_reported_as_a_short_recording():

@@ -128,7 +128,7 @@ GOOD = random_model()
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"blind": NOTHING}, "numbers of networks"),
         ({"hidden": GOOD.hidden[:-1]}, "do not fit"),
@@ -137,13 +137,13 @@ GOOD = random_model()
         ({"degrees_of_freedom": math.nan}, "expected more than 2"),
     ],
 )
-def test_invalid_model_values_are_refused(change, said):
-    with pytest.raises(WalkerModelError, match=said):
+def test_invalid_model_values_are_refused(change, message):
+    with pytest.raises(WalkerModelError, match=message):
         dataclasses.replace(GOOD, **change)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"weights": (GOOD.seeing.weights[0][:, :-1], *GOOD.seeing.weights[1:])}, "does not take"),
         ({"weights": GOOD.seeing.weights[:-1], "biases": GOOD.seeing.biases[:-1]}, "outputs"),
@@ -151,8 +151,8 @@ def test_invalid_model_values_are_refused(change, said):
         ({"biases": (GOOD.seeing.biases[0] * np.inf, *GOOD.seeing.biases[1:])}, "not finite"),
     ],
 )
-def test_invalid_layers_are_refused(change, said):
-    with pytest.raises(WalkerModelError, match=said):
+def test_invalid_layers_are_refused(change, message):
+    with pytest.raises(WalkerModelError, match=message):
         dataclasses.replace(GOOD.seeing, **change)
 
 

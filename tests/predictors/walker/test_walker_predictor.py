@@ -248,8 +248,8 @@ def test_noise_inputs_are_along_across_and_up_without_saturation(heading_rad):
     for sds in (np.array([0.02, 0.01, 0.005]), np.array([30.0, 0.01, 1e-5])):
         covariance = turn @ np.diag(sds**2) @ turn.T
         state = np.concatenate([np.zeros(3), turn @ [1.2, 0.0, 0.0]])
-        for stated, told in enumerate((None, covariance)):
-            seen = HeadObservation(0.0, state[:3], position_covariance_m2=told)
+        for stated, given_m2 in enumerate((None, covariance)):
+            seen = HeadObservation(0.0, state[:3], position_covariance_m2=given_m2)
             inputs = WalkerHistory().add(seen, state, covariance, 0.0)
             np.testing.assert_allclose(inputs.stated_sd_m, stated * sds, rtol=1e-3, atol=1e-6)
             np.testing.assert_array_equal(inputs.stated_base_m2, stated * covariance)

@@ -196,8 +196,8 @@ def test_forecasts_are_valid_for_any_covariance(sizes, stated, turns, seed):
     for k, exponent in enumerate(sizes):
         covariance = random_covariance(rng if turns else np.random.default_rng(seed), 10.0 ** np.array(exponent))
         position = np.array([1.2 * k / 30, 0.0, 0.4]) + 0.02 * rng.standard_normal(3)
-        told = covariance if stated[k] else None
-        walker.update(HeadObservation(k / 30, position, None, yaw_quat(0.1), position_covariance_m2=told))
+        covariance_m2 = covariance if stated[k] else None
+        walker.update(HeadObservation(k / 30, position, None, yaw_quat(0.1), position_covariance_m2=covariance_m2))
         assert_sound(walker, k / 30)
 
 

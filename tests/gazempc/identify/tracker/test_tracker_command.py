@@ -36,7 +36,7 @@ def write_table(path, times_s=TIMES_S, position_m=SEEN_M):
 
 def test_a_table_of_heads_is_identified(tmp_path, capsys):
     sensor = identify(write_table(tmp_path / "anna.csv"), tmp_path)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert as_expected(sensor)
     assert sensor.name == "mine"
     assert (sensor.head_yaw.reported, sensor.pelvis_yaw.reported) == (False, False)
@@ -44,7 +44,7 @@ def test_a_table_of_heads_is_identified(tmp_path, capsys):
     assert "from anna.csv" in sensor.source
     assert "latency assumed" in sensor.source
     for words in ("range: white (% of the range)", "bearing: white (deg", "latency is not measured", "only 10 s"):
-        assert words in said
+        assert words in output
 
 
 def test_json_lines_are_identified(tmp_path, capsys):
@@ -58,11 +58,11 @@ def test_json_lines_are_identified(tmp_path, capsys):
     ]
     path.write_text("\n".join([*lines, *bob, '{"capture_time_s": 17']))
     assert as_expected(identify(path, tmp_path))
-    said = capsys.readouterr().out
-    assert "also in the file: bob (9 frames)" in said
+    output = capsys.readouterr().out
+    assert "also in the file: bob (9 frames)" in output
     assert "9 frames in" in refused(capsys, "--tracker", str(path), "--person", "bob")
     assert "--person carl: not in" in refused(capsys, "--tracker", str(path), "--person", "carl")
-    assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}:" in said
+    assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}:" in output
 
 
 def test_a_bag_gives_latency_and_losses(tmp_path, capsys):
@@ -86,9 +86,9 @@ def test_a_bag_gives_latency_and_losses(tmp_path, capsys):
 def test_wander_of_a_walking_person_is_omitted_with_a_warning(tmp_path, capsys):
     walk_m = seen_m(RNG, person_m(RNG, TIMES_S, walks=True), TIMES_S, along=(0.02, 0.05, 1.0), across_deg=(0.1, 0, 1))
     sensor = identify(write_table(tmp_path / "walk.csv", position_m=walk_m), tmp_path)
-    said = capsys.readouterr().out
-    assert "Warning: the person moved too much" in said
-    assert "unknown" in said
+    output = capsys.readouterr().out
+    assert "Warning: the person moved too much" in output
+    assert "unknown" in output
     assert (sensor.along.wander_share, sensor.across.wander_deg) == (0.0, 0.0)
     assert "wander of range and bearing unknown" in sensor.source
 

@@ -86,17 +86,17 @@ def test_the_page_shows_the_run_and_reconnects(log, moments):
 def test_the_page_accepts_local_hosts_and_loads_its_own_files_only():
     port, host = free_port(), "127.1"
 
-    def asked(path, named):
+    def get(path, named):
         with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=120)) as connection:
             connection.request("GET", path, headers={"Host": named})
             answer = connection.getresponse()
             return answer.status, answer.getheader("Content-Security-Policy"), answer.read()
 
     with closing(WebPage(run_info(NECK), host, port)):
-        status, policy, page = asked("/", f"localhost:{port}")
+        status, policy, page = get("/", f"localhost:{port}")
         assert status == 200
         # At port 80 a browser leaves the port out. A foreign page may resolve its own name to this computer.
-        statuses = [asked("/", host)[0], asked("/", "evil.example:80")[0], asked("/../web.py", f"127.0.0.1:{port}")[0]]
+        statuses = [get("/", host)[0], get("/", "evil.example:80")[0], get("/../web.py", f"127.0.0.1:{port}")[0]]
         assert statuses == [200, 403, 404]
         with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}"):
             WebPage(run_info(NECK), "127.0.0.1", port)

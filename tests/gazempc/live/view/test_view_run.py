@@ -47,9 +47,9 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     looking.start()
     log, path = live(tmp_path, "--duration-s", "1.5", "--view", "--view-at", f"127.0.0.1:{port}")
     looking.join(240.0)
-    said = capsys.readouterr().out
-    assert f"ws://127.0.0.1:{port}" in said
-    assert "log_000.mcap, foxglove_layout.json" in said
+    output = capsys.readouterr().out
+    assert f"ws://127.0.0.1:{port}" in output
+    assert "log_000.mcap, foxglove_layout.json" in output
     assert set(json.loads(found["/ticks"])) >= {"time_s", "joint_pan_rad", "command_tilt_rad"}
     assert json.loads(found["/metrics"])["late_ms"] >= 0.0
     layout = (tmp_path / "foxglove_layout.json").read_text()
