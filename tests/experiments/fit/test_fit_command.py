@@ -83,9 +83,9 @@ def test_errors_are_by_the_model_fitted_without_the_person():
     scoring = [toy(5, k) for k in range(4)]
     found = errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
     for person, errors, examples in zip(people, found, scoring, strict=True):
-        output = errors.error_m + examples.departure_m
+        predicted = errors.error_m + examples.departure_m
         expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
-        np.testing.assert_allclose(output[1, :, 0], expected, rtol=1e-5)
+        np.testing.assert_allclose(predicted[1, :, 0], expected, rtol=1e-5)
         np.testing.assert_array_equal(errors.weight, examples.weight)
 
 
