@@ -38,7 +38,7 @@ def setting_names(model, prefix=""):
             yield f"{prefix}{name}"
 
 
-# Settings, events and names of the front door are made from the code: see test_generated_tables.py.
+# Settings, events and public names are generated from the code: see test_generated_tables.py.
 DESCRIBED = {
     "recordings": [*COLUMNS, "index.csv"],
     "formats": [*shipped_mappings(), *ColumnMapping.model_fields, *AXES, *TIMES_S],

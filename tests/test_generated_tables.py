@@ -1,4 +1,4 @@
-"""Tables made from the code: every setting, event and name of the front door, with its meaning."""
+"""Tables generated from the code: every setting, event and public name, with its meaning."""
 
 import pytest
 from builders.pages import DOCS, page

@@ -73,7 +73,7 @@ def imports_of_all():
 
 
 def imports_in(tree):
-    """`from a import b` is `a.b` where that is a module; imports count wherever they stand in the module."""
+    """`from a import b` is `a.b` where that is a module; imports in functions count, too."""
     imports, nodes = set(), deque([tree])
     while nodes:
         node = nodes.popleft()
@@ -109,7 +109,7 @@ def imports_back_up(package, order, imports):
 
 
 def part_of(name, package):
-    """The folder or file of a package that a module is in; the package itself is its front door."""
+    """The folder or file of a package that contains a module; the package itself is its public interface."""
     top, _, rest = name.partition(".")
     return (rest.split(".")[0] or "__init__") if top == package else None
 

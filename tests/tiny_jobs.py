@@ -23,7 +23,7 @@ class Tiny:
     """Squares a number, or performs the action `does`.
 
     Attributes:
-        number: What is squared.
+        number: The number to square.
         does: ``square``, ``array``, ``sleep`` (until it is killed or a file says that all is over),
             ``leave out``, ``fail``, ``bug``, ``die``, or ``die once`` (the first of all that write to the log).
         log: File that gets a line for each job done.

@@ -13,9 +13,9 @@ from gazempc.results.motion import readings
 def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False, rests=True):
     """Check position and its differences against the limits of the neck, independently of the code under test.
 
-    Where the robot did not answer (`breaks`: number of the first command after that) it stood still, which no limit can
-    prevent: each part is judged from rest on, or (not `rests`) by itself, as after a short silence the motion goes on
-    from commands that may have been executed. Where the run `ends` the robot stands by the last command for ever.
+    During robot silence (`breaks`: index of the first command after it) the robot stops, limits or not: each
+    part is checked from rest on, or (not `rests`) by itself, as after a short silence the motion continues
+    from possibly executed commands. After a run that `ends` the robot holds the last command.
     """
     low = np.deg2rad([NECK.pan.position_min_deg, NECK.tilt.position_min_deg])
     high = np.deg2rad([NECK.pan.position_max_deg, NECK.tilt.position_max_deg])

@@ -6,7 +6,7 @@ from websockets.sync.client import connect
 
 
 def received(url, topics):
-    """The first message of each topic that the client gets, as JSON where it is that."""
+    """The first message of each topic received by the client; JSON is decoded."""
     found, names = {}, {}
     with connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
         while set(found) != set(topics):

@@ -138,7 +138,7 @@ class Client:
         return future.result()
 
     def ask(self, kind, name, request):
-        """The answer of a service."""
+        """Call a service; returns its response."""
         service = self.node.create_client(kind, name)
         self.wait(service.service_is_ready, why=f"no service {name}")
         return self.result(service.call_async(request))

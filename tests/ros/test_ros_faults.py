@@ -76,13 +76,13 @@ def test_the_node_recovers_from_lost_trackers_and_controllers(stage):
     other = stage.tracker("--passes", "20", "--name", "old_tracker")
     watch.until("several_senders", "/old_tracker and /tracker")
     other.stop(signal.SIGKILL)
-    # The tracker dies: the person is lost, and found again with the next one.
+    # The tracker is killed: the person is lost, and reacquired with the next tracker.
     tracker.stop(signal.SIGKILL)
     watch.until("event target_lost", "event no_sender")
     tracker = stage.tracker("--passes", "20")
     watch.until_used()
     stage.client().listen(JointState, "/joint_states")
-    # The controller dies, and comes back; meanwhile the neck was turned by 0.3 rad.
+    # The controller is killed and restarted; meanwhile the neck is turned by 0.3 rad.
     controller.stop(signal.SIGINT)
     first = stage.rows()
     watch.until("event robot_not_answering")

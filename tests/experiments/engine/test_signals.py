@@ -52,7 +52,7 @@ def alive(pid):
     [(signal.SIGINT, os.killpg), (signal.SIGTERM, os.kill)],
 )
 def test_a_signal_ends_command_and_workers_and_keeps_results(sent, to, tmp_path):
-    """Ctrl-C goes to all processes of the terminal, SIGTERM to the command."""
+    """Ctrl-C is delivered to all processes of the terminal, SIGTERM to the command."""
     with working(tmp_path) as (process, workers):
         assert len(workers) == 2
         to(process.pid, sent)

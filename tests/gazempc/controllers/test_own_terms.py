@@ -199,7 +199,7 @@ def test_a_lag_limit_holds_in_closed_loop():
         joints, commands, _ = run(Mpc(NECK, rows=rows), NECK, still(np.radians(30.0)), 600)
         most[name] = np.degrees(np.abs(commands[:-late, 0] - joints[late:, 0])).max()
     assert most["plain"] > 5.0
-    # The row holds at the ends of steps, after the first ones, whose motion is already on its way.
+    # The row holds at the ends of steps, after the first ones, whose motion is already commanded.
     assert most["row"] < 2.1
 
 

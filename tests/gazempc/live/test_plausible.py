@@ -126,7 +126,7 @@ def test_an_implausible_height_range_or_speed_is_reported():
         (np.arange(0.0, 4.0, 1 / 5.0), "5.0"),
         (np.arange(0.0, 4.0, 1 / 4.0), "camera"),
         (np.arange(0.0, 4.0, 1 / 0.8), "--loop.lost-after-s"),
-        # A person who is rarely found.
+        # A person with sparse detections.
         (np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]])), "rarely found"),
         # People of a frame share its time; a gap does not count as an interval.
         (np.append(np.repeat(np.arange(0.0, 1.0, 1 / 30), 2), [3.0, 3.03]), None),

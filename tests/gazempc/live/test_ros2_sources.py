@@ -112,7 +112,7 @@ def test_a_pose_in_a_moving_frame_is_placed_by_tf_at_its_stamp(stage):
     stage.tf(transform("camera_link", [0.0, 0.0, 1.0], turns[0], "base_link", NOW_S - 0.1))
     covariance = np.diag([0.04, 0.0001, 0.0001, 0.0, 0.0, 0.09])
     stage.put(TOPIC, WITH_COVARIANCE, with_covariance([2.0, 0.0, 0.0], covariance, at_s=NOW_S - 0.05))
-    assert person.poll().sightings == ()  # tf at the stamp is not known yet
+    assert person.poll().sightings == ()  # the transform at the stamp has not arrived yet
     stage.tf(transform("camera_link", [0.0, 0.0, 1.0], turns[1], "base_link", NOW_S))
     (seen,), problems = polled(person, 1)
     assert problems == []

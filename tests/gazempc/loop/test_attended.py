@@ -69,7 +69,7 @@ def test_a_frozen_track_is_not_used_and_attention_switches():
     # Detected after 0.5 s; a second later the track has ended, and the other person is attended.
     assert bench.recorder.refusals["tracker_frozen"] == pytest.approx(30, abs=2)
     assert bench.attended[1] == (2, "left")
-    # As soon as the tracker goes on the first one is back under the same number.
+    # When the tracker resumes, the first person has the same number.
     assert [state.number for state in bench.target.people.present(bench.time_s)] == [1, 2]
     assert "person_returned" in bench.events
 

@@ -48,7 +48,7 @@ def test_an_offset_is_removed_slowly_and_completely() -> None:
 def test_lost_speed_commands_do_not_count_as_sent() -> None:
     drive = Drive(PTZ, np.zeros(2))
     drive.outgoing(((0.0, 1.0, 0.0), STILL), np.zeros(2))
-    drive.sent(np.array([0.7, 0.0]), got_through=False)  # an older speed goes on
+    drive.sent(np.array([0.7, 0.0]), got_through=False)  # an older speed stays in effect
     back = drive.outgoing((STILL, STILL), np.zeros(2))
     assert back[0] < 0.0
 

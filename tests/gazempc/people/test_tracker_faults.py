@@ -160,8 +160,8 @@ def test_shuffled_first_frames_give_the_forecast_of_ordered_frames(make):
     ("come", "late"),
     [
         (FRAMES, frame(8.5 / 30)),  # the track is older than 0.3 s
-        (FRAMES[8:], frame(0.0)),  # it would be by this frame
-        (FRAMES[:5], FRAMES[2]),  # it is there already
+        (FRAMES[8:], frame(0.0)),  # with this frame it would be older than 0.3 s
+        (FRAMES[:5], FRAMES[2]),  # already in the track
         (FRAMES[:5], FRAMES[4]),
     ],
 )

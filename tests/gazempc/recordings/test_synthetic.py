@@ -105,7 +105,7 @@ def test_position_noise_equals_that_of_the_depth_camera(walks):
 
 
 # Size of the room, number of desks and camera are those of Tamaru et al. (2021); the layout is assumed, x forward and y
-# left of the sensor. Partitions stand just outside of what the camera sees.
+# left of the sensor. Partitions stand just outside of the view.
 ROOM_M = np.array([[-0.3, -4.5], [7.0, 4.5]])
 PARTITIONS_M = np.array([[[1.5, 3.45], [3.2, 3.45]], [[1.5, -3.45], [3.2, -3.45]], [[5.7, -0.8], [5.7, 0.8]]])
 SENSOR_RANGE_M, SENSOR_HALF_ANGLE_RAD = (0.5, 5.46), np.radians(37.5)

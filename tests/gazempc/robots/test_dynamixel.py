@@ -187,7 +187,7 @@ FAULTS = {
     "silent": silent,
     "corrupt": lambda _, answer: answer[:10] + bytes([answer[10] ^ 0x10]) + answer[11:],
     "tilt lost": lambda motor_id, answer: b"" if motor_id == 2 else answer,
-    # A sound packet whose data, with the CRC behind it, has the length that was asked for.
+    # A valid packet whose data, with the CRC behind it, has the requested length.
     "too short": lambda motor_id, answer: packet(motor_id, STATUS, b"\0" * (len(answer) - 13)),
     "access error": lambda motor_id, answer: packet(motor_id, STATUS, b"\x07"),
 }

@@ -105,7 +105,7 @@ def test_clamped_poses_are_reachable_by_the_daemon_kinematics(tilt_deg, pan_deg)
 
 
 def test_messages_equal_the_recording_and_the_last_is_flushed_on_close(server, make):
-    """Commands of the recording, made there by other code: the daemon's head went left and up."""
+    """Commands of the recording, made by other code: the daemon's head moved left and up."""
     neck = make()
     for _, message in recorded("sent", "set_full_target")[::10]:
         angles_rad = head_angles(np.array(message["head"]).reshape(4, 4))

@@ -168,7 +168,7 @@ def test_a_model_survives_a_round_trip(tmp_path):
 def test_the_shipped_model_states_its_provenance():
     model = load_walker_model()
     about = model.about
-    assert len(about["people"]) == 19  # four of them are trials of people who stand
+    assert len(about["people"]) == 19  # four of them are standing trials
     assert len(about["recordings"]) == 77
     assert "experiments.fit" in about["command"]
     assert "/" not in json.dumps(about["command"])

@@ -41,7 +41,7 @@ SYNTHETIC_RATIOS = {
     "reference": (0.54, 0.52, 0.53),
     "face_camera": (0.95, 0.88, 0.78),
 }
-# Goals on people left out are .53 .53 .60 and .70 .62 .65.
+# Goals for left-out people: .53 .53 .60 and .70 .62 .65.
 REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
 # Points by which 68 and 95 % may be missed on walks that are not those of the fit.
 MISSED = (0.10, 0.04)

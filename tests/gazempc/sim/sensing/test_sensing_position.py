@@ -12,7 +12,7 @@ from gazempc.sim.sensor import load_sensor
 ALONG = HEAD_M / np.linalg.norm(HEAD_M)
 LEFT = np.array([-ALONG[1], ALONG[0], 0.0])
 RANGE_M = float(np.linalg.norm(HEAD_M))
-LONG = standing(300.0)  # 9,000 frames: an s.d. of coloured noise is known to some per cent
+LONG = standing(300.0)  # 9,000 frames: the s.d. of coloured noise is estimated to some per cent
 
 
 def on_sight(errors):
