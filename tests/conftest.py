@@ -1,4 +1,4 @@
-"""Fixtures that several test modules share."""
+"""Fixtures shared by test modules."""
 
 import atexit
 import fcntl
@@ -9,25 +9,25 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-# One numerical thread a process, before NumPy is loaded: the matrices are small, and the tests' processes are the
-# parallelism. Else the threads of several processes wait for each other.
+# One numerical thread per process, set before NumPy is loaded: the matrices are small, and tests run in parallel
+# processes, whose threads would compete.
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 # JAX reads this when it is imported: its functions are compiled for a few short runs.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 # MuJoCo reads this when it is imported: pictures are rendered without a screen.
 os.environ.setdefault("MUJOCO_GL", "egl")
-# Matplotlib, too: figures are drawn without a screen.
+# Matplotlib reads this when it is imported: figures are drawn without a screen.
 os.environ["MPLBACKEND"] = "Agg"
 
 import hypothesis
 import pytest
 
 pytest.register_assert_rewrite("builders")
-# Tests must not fail because a machine is busy: no deadlines, and the same examples every time.
+# Independent of machine load: no deadlines, and deterministic examples.
 hypothesis.settings.register_profile("gazempc", deadline=None, derandomize=True, max_examples=50)
 hypothesis.settings.load_profile("gazempc")
 
-# What is left out of collection would be reported as leaked when the process ends.
+# Frozen objects would be reported as leaked when the process ends.
 atexit.register(gc.unfreeze)
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,28 +39,28 @@ BAGS = Path(os.environ.get("GAZEMPC_BAGS", ROOT.parent / "shared" / "bags"))
 @pytest.fixture(scope="session")
 def walks_dir() -> Path:
     """Folder with the recordings of real people, which are not part of the project."""
-    return _there("the real walks", WALKS, "GAZEMPC_WALKS")
+    return _folder_or_skip("the real walks", WALKS, "GAZEMPC_WALKS")
 
 
 @pytest.fixture(scope="session")
 def tracks_dir() -> Path:
     """Folder with head tracks of other people, positions only, which are not part of the project."""
-    return _there("the head tracks", TRACKS, "GAZEMPC_TRACKS")
+    return _folder_or_skip("the head tracks", TRACKS, "GAZEMPC_TRACKS")
 
 
 @pytest.fixture(scope="session")
 def bags_dir() -> Path:
     """Folder with ROS 2 bags of a real face tracker, which are not part of the project."""
-    return _there("the real bags", BAGS, "GAZEMPC_BAGS", "README.md")
+    return _folder_or_skip("the real bags", BAGS, "GAZEMPC_BAGS", "README.md")
 
 
 @pytest.fixture(scope="module")
 def in_this_process() -> Iterator[None]:
-    """The module's commands start no worker process, which takes seconds; `tests/experiments/engine` tests those."""
+    """Commands of the module run jobs in process, which saves seconds; `tests/experiments/engine` tests workers."""
     from experiments.engine.job import carry_out, program_hash
 
     def do(jobs: dict[str, Any], count: int) -> Iterator[tuple[str, Any]]:
-        # Pickled on the way, as for a worker process.
+        # Pickled, as for a worker process.
         assert count >= 1
         for key, job in jobs.items():
             row = carry_out(pickle.loads(pickle.dumps(job)), key, program_hash())
@@ -73,15 +73,15 @@ def in_this_process() -> Iterator[None]:
 
 @pytest.fixture
 def real_time(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Holds a lock: two searches for faces in pictures rendered on the fly would each miss the frame rate they need."""
+    """Holds a lock: two concurrent face detectors on rendered pictures would both miss their frame rate."""
     with (tmp_path_factory.getbasetemp().parent / "real_time.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
-def _there(what: str, folder: Path, variable: str, sign: str = "index.csv") -> Path:
-    if not (folder / sign).is_file():
-        reason = f"{what} are not at {folder} (set {variable})"
+def _folder_or_skip(description: str, folder: Path, variable: str, marker: str = "index.csv") -> Path:
+    if not (folder / marker).is_file():
+        reason = f"{description} are not at {folder} (set {variable})"
         if os.environ.get("CI"):
             pytest.fail(f"{reason}, and CI must not skip this")
         pytest.skip(reason)
@@ -89,29 +89,29 @@ def _there(what: str, folder: Path, variable: str, sign: str = "index.csv") -> P
 
 
 def pytest_collection() -> None:
-    """Imports make objects that stay: no search for garbage meanwhile."""
+    """Disable garbage collection during imports, whose objects are permanent."""
     gc.disable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that hold a lock come first: `--dist worksteal` begins them all in one worker, so that none waits."""
+    """Tests with a lock come first: `--dist worksteal` starts them all in one worker, so none waits."""
     items.sort(key=lambda item: "real_time" not in getattr(item, "fixturenames", ()))
 
 
 def pytest_collection_finish() -> None:
-    """All test modules are imported."""
-    _leave_out_what_stays()
+    """Freeze the objects of all imported test modules."""
+    _freeze_permanent_objects()
     gc.enable()
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """After the last test of a module."""
+    """Freeze permanent objects after the last test of a module."""
     if nextitem is None or nextitem.path != item.path:
-        _leave_out_what_stays()
+        _freeze_permanent_objects()
 
 
-def _leave_out_what_stays() -> None:
-    """What has been imported or cached is no garbage: each later search would take time to find that out again."""
+def _freeze_permanent_objects() -> None:
+    """Exclude imported and cached objects from later garbage collections, to save time."""
     gc.collect()
     gc.freeze()

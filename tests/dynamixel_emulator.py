@@ -10,7 +10,7 @@ PING, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x55, 0x82, 0x83
 BROADCAST = 0xFE
 HEADER = b"\xff\xff\xfd\x00"
 
-# What an X motor has: address, bytes, can be written. Everything else is an access error.
+# Control table of an X motor: address, bytes, writable. Other accesses are errors.
 ITEMS = {
     "model": (0, 2, False),
     "mode": (11, 1, True),
@@ -32,7 +32,7 @@ EEPROM_END = 64
 
 
 def crc16(data):
-    """CRC-16 with polynomial 0x8005, start 0, most significant bit first, bit by bit."""
+    """CRC-16 with polynomial 0x8005, initial value 0, most significant bit first."""
     crc = 0
     for byte in data:
         crc ^= byte << 8
@@ -43,7 +43,7 @@ def crc16(data):
 
 
 def packet(motor_id, instruction, payload=b""):
-    """One packet: stuffed first, then length and CRC of what is stuffed."""
+    """One packet: byte stuffing, then length and CRC of the stuffed bytes."""
     body = (bytes([instruction]) + payload).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     head = HEADER + bytes([motor_id]) + struct.pack("<H", len(body) + 2)
     return head + body + struct.pack("<H", crc16(head + body))
@@ -67,7 +67,7 @@ def take_packet(buffer):
 
 
 class Motor:
-    """A control table and a joint that goes half of the way to its goal at every new goal."""
+    """A control table and a joint that moves half of the way to its goal at every new goal."""
 
     def __init__(self, position, mode=3):
         self.table = bytearray(256)
@@ -86,7 +86,7 @@ class Motor:
         self.table[address : address + size] = value.to_bytes(size, "little", signed=size == 4)
 
     def restart(self, position):
-        """Power on: RAM as from the factory, torque off, joint where gravity left it."""
+        """Power on: factory RAM, torque off, joint at the given position."""
         self.table[EEPROM_END:] = bytes(256 - EEPROM_END)
         self.set("profile_velocity", 77)
         self.set("goal", 0)
@@ -126,7 +126,7 @@ class Motor:
 
 
 class Bus:
-    """Motors by id, behind a link that keeps its name over disconnections, as a rule of udev would.
+    """Motors by id, behind a link with a persistent name, as by a udev rule.
 
     `fault` is called with each answer's (motor id, bytes) and gives the bytes to send instead.
     """
@@ -175,7 +175,7 @@ class Bus:
             while data:
                 data = data[os.write(self._master, data) :]
         except BlockingIOError:
-            pass  # nobody reads: the bytes are lost, as on a wire
+            pass  # no reader: the bytes are lost, as on a wire
 
     def _answers(self, motor_id, instruction, parameters):
         def status(i, error, data=b""):

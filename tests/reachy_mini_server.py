@@ -1,4 +1,4 @@
-"""A daemon of Reachy Mini in as far as its websocket goes: it answers with frames recorded from the real one."""
+"""An emulated websocket of Reachy Mini's daemon: it sends frames recorded from the real one."""
 
 import json
 import socket
@@ -19,7 +19,7 @@ def recorded(direction, kind):
 
 
 class Daemon:
-    """Sends what it is told to hold, 50 times a second, and keeps what it receives."""
+    """Sends its frames at 50 Hz, and records received messages."""
 
     def __init__(self):
         kinds = ("daemon_status", "joint_positions", "head_pose")
@@ -40,14 +40,14 @@ class Daemon:
     def start(self):
         self._stopped.clear()
         self._server = serve(self._handle, "127.0.0.1", self._port, compression=None)
-        # Small, so that a daemon that reads nothing is soon noticed.
+        # Small, so that a daemon that reads nothing is detected soon.
         self._server.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192)
         self._port = self._server.socket.getsockname()[1]
         self._thread = threading.Thread(target=self._server.serve_forever)
         self._thread.start()
 
     def stop(self):
-        """Nobody listens at the port any more."""
+        """Close the port."""
         self._stopped.set()
         self.deaf.clear()
         self._server.shutdown()

@@ -1,4 +1,4 @@
-"""The documentation stays true: its code runs and prints what the pages say, its links lead somewhere."""
+"""The documentation: its code runs and prints the shown output, its links resolve."""
 
 import contextlib
 import io
@@ -44,7 +44,7 @@ def code_blocks(text):
 
 
 def run_block(block, page, namespace):
-    """Save a file, run Python in the namespace, or run the commands `gazempc`; give what they print."""
+    """Save a file, run Python in the namespace, or run the commands `gazempc`; returns the output."""
     if block.file:
         Path(block.file).write_text(block.code, encoding="utf-8")
         return ""
@@ -78,7 +78,7 @@ WITH_PYTHON = [name for name in PAGES if "python" in {block.language for block i
 
 @pytest.fixture
 def own_folder(tmp_path, monkeypatch):
-    """A working directory whose modules are forgotten after the test."""
+    """A working directory whose modules are unloaded after the test."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     for name in ("my_parts", "my_gaze", "my_tracker", "my_robot"):  # of another test, under the pages' name
@@ -89,7 +89,7 @@ def own_folder(tmp_path, monkeypatch):
 
 
 def run_page(name, languages):
-    """Each block of these languages, from top to bottom; each prints what the page says."""
+    """Run the blocks of these languages in order; each must print the output on the page."""
     namespace = {"__name__": "__main__"}
     for block in code_blocks(page(name)):
         if block.language in languages:
@@ -100,19 +100,19 @@ def run_page(name, languages):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_PYTHON)
-def test_python_blocks_run_and_print_what_the_page_says(name, own_folder, in_this_process):
+def test_python_blocks_run_and_print_the_output_on_the_page(name, own_folder, in_this_process):
     """A block that begins with `# name.py` is a file of that name."""
     run_page(name, {"python"})
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TUTORIALS)
-def test_tutorials_run_and_print_what_they_say(name, own_folder, in_this_process):
-    """Commands, too."""
+def test_tutorials_run_and_print_their_shown_output(name, own_folder, in_this_process):
+    """Shell commands included."""
     run_page(name, {"python", "console", "yaml", "toml"})
 
 
-def test_what_is_left_out_of_a_printout():
+def test_ellipses_match_any_lines_of_a_printout():
     printed = "a\nb\nc\nd\n"
     for shown in ("a\nb\nc\nd", "...\nb\n...", "a\n...", "...\nd", "a\n...\nc\nd", "..."):
         assert not_printed(shown, printed) is None, shown
@@ -121,7 +121,7 @@ def test_what_is_left_out_of_a_printout():
 
 
 @pytest.mark.slow
-def test_the_quick_start_shows_what_the_command_prints(own_folder, capsys):
+def test_the_quick_start_shows_the_output_of_the_command(own_folder, capsys):
     """All of it but computing times, which differ from run to run."""
     shown = next(body for kind, body in FENCE.findall(page("quickstart")) if body.startswith("subject03_R4: "))
     settings = ["--noise-seeds", "3", "--no-figures", "--out", str(own_folder)]
@@ -146,7 +146,7 @@ def test_every_page_is_in_the_toctree():
 
 
 @pytest.mark.parametrize("name", [*PAGES, *TUTORIALS])
-def test_links_between_pages_lead_somewhere(name):
+def test_links_between_pages_resolve(name):
     for target in re.findall(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)", page(name)):
         assert ((DOCS / name).parent / target).is_file(), target
 

@@ -1,4 +1,4 @@
-"""What exists is described where it belongs, and what the pages name exists."""
+"""Parts are documented on their pages, and names on the pages exist."""
 
 import contextlib
 import functools
@@ -38,7 +38,7 @@ def setting_names(model, prefix=""):
             yield f"{prefix}{name}"
 
 
-# Settings, events and names of the front door are made from the code: see test_generated_tables.py.
+# Settings, events and public names are generated from the code: see test_generated_tables.py.
 DESCRIBED = {
     "recordings": [*COLUMNS, "index.csv"],
     "formats": [*shipped_mappings(), *ColumnMapping.model_fields, *AXES, *TIMES_S],
@@ -52,7 +52,7 @@ DESCRIBED = {
 
 
 @pytest.mark.parametrize("name", sorted(DESCRIBED))
-def test_what_exists_is_described(name):
+def test_every_part_and_file_is_documented(name):
     described = set(re.findall(r"`\[?([^`\n]+?)\]?`", page(name)))
     if name == "necks":
         described |= {"pan", "tilt", "geometry", "eyes", "body"}
@@ -60,14 +60,14 @@ def test_what_exists_is_described(name):
     assert set(DESCRIBED[name]) - described == set()
 
 
-def test_the_architecture_names_what_there_is():
-    """Each folder and module that it names exists, and each folder and module of the root is named."""
+def test_the_architecture_page_lists_existing_modules():
+    """Each listed folder and module exists, and each folder and module of the root is listed."""
     named = set(re.findall(r"`((?:gazempc|predictors|experiments)/[\w/]*(?:\.py)?)`", page("architecture")))
     assert [path for path in named if not (ROOT / path).exists()] == []
     for package in ("gazempc", "predictors"):
         inside = [path for path in (ROOT / package).iterdir() if path.is_dir() or path.suffix == ".py"]
-        wanted = {f"{package}/{path.name}/" if path.is_dir() else f"{package}/{path.name}" for path in inside}
-        assert wanted - named - {f"{package}/__init__.py", f"{package}/__pycache__/"} == set()
+        existing = {f"{package}/{path.name}/" if path.is_dir() else f"{package}/{path.name}" for path in inside}
+        assert existing - named - {f"{package}/__init__.py", f"{package}/__pycache__/"} == set()
 
 
 def names_of_code(text):
@@ -89,7 +89,7 @@ def exists(dotted):
     return False
 
 
-def test_code_that_the_pages_name_exists():
+def test_names_of_code_on_the_pages_exist():
     paths = [*sorted(DOCS.rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
     named = [(path.name, names_of_code(path.read_text(encoding="utf-8"))) for path in paths]
     assert [(where, file) for where, (files, _) in named for file in files if not (ROOT / file).exists()] == []

@@ -1,4 +1,4 @@
-"""Tables made from the code: every setting, event and name of the front door, with its meaning."""
+"""Tables generated from the code: every setting, event and public name, with its meaning."""
 
 import pytest
 from builders.pages import DOCS, page
@@ -41,7 +41,7 @@ def rows(extension, *models):
     return [line for line in extension.markdown(*models) if line.startswith("| `")]
 
 
-def test_nested_tables_defaults_and_escapes(extension):
+def test_tables_show_nested_settings_defaults_and_escapes(extension):
     assert rows(extension, Outer) == [
         "| `name` |  | Name |",
         "| `ids` | `1, 2` |  |",
@@ -51,7 +51,7 @@ def test_nested_tables_defaults_and_escapes(extension):
     ]
 
 
-def test_what_another_model_has_is_left_out(extension):
+def test_fields_of_another_model_can_be_omitted(extension):
     assert [row.split("`")[1] for row in rows(extension, Outer, Other)] == ["name", "ids", "perhaps.gain"]
 
 
@@ -71,11 +71,11 @@ def expanded(extension, name):
     return {row.split("`")[1]: row.split(" | ")[-1] for row in source[0].splitlines() if row.startswith("| `")}
 
 
-def test_every_event_is_on_the_page_of_safety(extension):
+def test_every_event_is_on_the_safety_page(extension):
     assert {event.value for event in Event} - set(expanded(extension, "safety")) == set()
 
 
-def test_every_name_of_the_front_door_links_to_its_description(extension):
+def test_every_public_name_links_to_its_description(extension):
     found = expanded(extension, "api")
     assert set(found) == {f"gz.{name}" for name in gazempc.__all__}
     assert found["gz.replay"] == "{py:func}`gazempc.front.replay` |"

@@ -1,4 +1,4 @@
-"""Dependencies point one way, along the data flow: the graph of all modules is read from their source."""
+"""Dependencies follow the data flow: the import graph is read from the source."""
 
 import ast
 import subprocess
@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("predictors", "gazempc", "experiments")
 
-# The order of what is in a package. Nobody imports anything of a later line; what stands in one line knows nothing of
-# its neighbours. Who reads results needs neither robots nor a loop, so these stand behind them.
+# Layers of each package: no module imports a later line or a neighbour in its line. Results need neither robots nor
+# a loop, so these follow them.
 GAZEMPC = (
     ("errors", "types", "signals"),
     ("files",),
@@ -68,12 +68,12 @@ FILES = source_files()
 
 @cache
 def imports_of_all():
-    """The modules of ours that each one imports; read in the tests, because every test process imports this file."""
+    """Project modules imported by each module; a function, because every test process imports this file."""
     return {name: imports_in(ast.parse(path.read_text(encoding="utf-8"))) for name, path in FILES.items()}
 
 
 def imports_in(tree):
-    """`from a import b` is `a.b` where that is a module; imports count wherever they stand in the module."""
+    """`from a import b` is `a.b` where that is a module; imports in functions count, too."""
     imports, nodes = set(), deque([tree])
     while nodes:
         node = nodes.popleft()
@@ -109,17 +109,17 @@ def imports_back_up(package, order, imports):
 
 
 def part_of(name, package):
-    """The folder or file of a package that a module is in; the package itself is its front door."""
+    """The folder or file of a package that contains a module; the package itself is its public interface."""
     top, _, rest = name.partition(".")
     return (rest.split(".")[0] or "__init__") if top == package else None
 
 
-def test_no_module_imports_itself_by_a_circle():
+def test_the_import_graph_is_acyclic():
     assert circle_in(imports_of_all()) is None
 
 
 @pytest.mark.parametrize("importer", PACKAGES[:-1])
-def test_packages_point_one_way(importer):
+def test_packages_depend_in_one_direction(importer):
     later = PACKAGES[PACKAGES.index(importer) + 1 :]
     wrong = [
         f"{n} -> {o}"
@@ -131,13 +131,13 @@ def test_packages_point_one_way(importer):
 
 
 @pytest.mark.parametrize(("package", "order"), [("gazempc", GAZEMPC), ("experiments", EXPERIMENTS)])
-def test_inside_a_package_nobody_imports_a_later_part(package, order):
+def test_modules_do_not_import_later_layers_of_their_package(package, order):
     listed = {part for line in order for part in line}
     assert {part_of(name, package) for name in FILES} - {None} == listed
     assert imports_back_up(package, order, imports_of_all()) == []
 
 
-def test_importing_has_no_side_effects_and_leaves_heavy_libraries_alone():
+def test_importing_has_no_side_effects_and_loads_no_heavy_library():
     """Importing prints nothing, writes nothing, and does not wait for matplotlib or control."""
     code = (
         "import sys, gazempc, predictors, experiments, gazempc.run, gazempc.settings;"

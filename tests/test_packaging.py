@@ -1,4 +1,4 @@
-"""Packaging: the lock file has all that an installation needs, in one version each; the extra `all` has all extras."""
+"""Packaging: the lock file has every requirement in one version; the extra `all` has all extras."""
 
 import re
 import tomllib
@@ -14,7 +14,7 @@ TEXT = (ROOT / "requirements.lock").read_text(encoding="utf-8")
 
 
 def locked():
-    """Version by name, of what is to be installed on this machine."""
+    """Locked versions by name, for this platform."""
     found = {}
     for entry in re.split(r"\n(?=\w)", "\n".join(line for line in TEXT.splitlines() if not line.startswith("#"))):
         requirement, *hashes = entry.replace("\\\n", " ").split("--hash=")
@@ -29,22 +29,22 @@ def locked():
     return found
 
 
-def test_all_that_is_needed_is_in_it_and_fits():
+def test_the_lock_file_satisfies_all_requirements():
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     found, waiting, seen = locked(), [Requirement(text) for text in pyproject["project"]["dependencies"]], set()
     while waiting:
-        wanted = waiting.pop()
-        name = canonicalize_name(wanted.name)
+        required = waiting.pop()
+        name = canonicalize_name(required.name)
         assert name in found, f"{name} is not in requirements.lock: make it anew, see its first lines"
-        assert wanted.specifier.contains(found[name]), f"{wanted}, but requirements.lock has {found[name]}"
-        key = (name, frozenset(wanted.extras))
+        assert required.specifier.contains(found[name]), f"{required}, but requirements.lock has {found[name]}"
+        key = (name, frozenset(required.extras))
         if key in seen:
             continue
         seen.add(key)
-        # What other packages need may change with their versions; those installed here say it nearly.
+        # Requirements of other packages vary with their versions; the installed ones are close.
         for text in requires(name) or ():
             inner = Requirement(text)
-            environments = [default_environment() | {"extra": extra} for extra in ("", *wanted.extras)]
+            environments = [default_environment() | {"extra": extra} for extra in ("", *required.extras)]
             if inner.marker is None or any(inner.marker.evaluate(environment) for environment in environments):
                 waiting.append(Requirement(inner.name))
 
@@ -52,7 +52,7 @@ def test_all_that_is_needed_is_in_it_and_fits():
 FOR_DEVELOPERS = {"test", "dev", "docs"}
 
 
-def test_all_names_every_extra_of_users():
+def test_the_extra_all_includes_every_user_extra():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     (everything,) = map(Requirement, extras["all"])
     assert everything.name == "gazempc"

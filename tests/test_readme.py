@@ -1,4 +1,4 @@
-"""What the README shows is true: CI runs its commands, its Python runs, its links lead somewhere."""
+"""The README: CI runs its commands, its Python runs, its links resolve."""
 
 import contextlib
 import io
@@ -29,13 +29,13 @@ def test_ci_runs_both_commands_of_the_readme():
 
 
 def some_frames():
-    """A person who stands before the robot, for a third of a second."""
+    """A standing person for a third of a second."""
     for _ in range(10):
         yield SimpleNamespace(time_s=time.time(), head_m=[2.0, 0.2, 0.3])
         time.sleep(1 / 30)
 
 
-def test_the_python_of_the_readme_runs_and_prints_what_it_says():
+def test_the_python_of_the_readme_runs_and_prints_its_shown_output():
     robot = SimulatedNeck(load_neck("reference"), np.zeros(2), time.monotonic)
     namespace = {"MyRobot": lambda: robot, "tracker": some_frames()}
     (code,) = blocks("python")
@@ -53,7 +53,7 @@ def test_the_readme_names_every_command():
     assert set(re.findall(r"bin/gazempc (\w+)", README)) <= set(COMMANDS)
 
 
-def test_every_file_the_readme_points_to_is_there():
+def test_every_file_linked_in_the_readme_exists():
     targets = [t for t in re.findall(r"\]\(([^)#]+)", README) if not t.startswith("http")]
     assert len(targets) >= 5
     for target in targets:

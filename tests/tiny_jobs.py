@@ -1,4 +1,4 @@
-"""Jobs that cost nothing, and a command that does them, for tests of the engine."""
+"""Trivial jobs, and a command that runs them, for tests of the engine."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from gazempc.errors import GazempcError, LeftOutError
 
 @dataclass(frozen=True)
 class Tiny:
-    """Squares a number, or does what its name says.
+    """Squares a number, or performs the action `does`.
 
     Attributes:
-        number: What is squared.
+        number: The number to square.
         does: ``square``, ``array``, ``sleep`` (until it is killed or a file says that all is over),
             ``leave out``, ``fail``, ``bug``, ``die``, or ``die once`` (the first of all that write to the log).
         log: File that gets a line for each job done.
@@ -43,7 +43,7 @@ class Tiny:
         if self.log is not None:
             with Path(self.log).open("a") as file:
                 file.write(f"{self.number} {os.getpid()}\n")
-            # Not by the number of lines: two that write at once would both read two.
+            # Not by the line count: two concurrent writers would both read two.
             with contextlib.suppress(FileExistsError):
                 Path(f"{self.log}.first").touch(exist_ok=False)
                 first = True
@@ -78,6 +78,6 @@ def main(folder: str, log: str, finished: int, unfinished: int, *more: str) -> i
 
 
 if __name__ == "__main__":
-    import tiny_jobs  # the workers know the jobs by the name of their module
+    import tiny_jobs  # workers import the jobs by module name
 
     sys.exit(tiny_jobs.main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), *sys.argv[5:]))

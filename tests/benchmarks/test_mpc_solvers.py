@@ -11,12 +11,12 @@ from benchmarks.solvers.simulated_run import SMOOTHING_TIME_S, STEPS, measure, s
 from gazempc.neck.spec import load_neck
 
 NECK = load_neck("reference")
-# Of the whole run: qrqp fails or says "success" to commands 0.1 rad off, OSQP stops at its limit of iterations.
+# Over the whole run: qrqp fails or reports success with commands 0.1 rad off, OSQP reaches its iteration limit.
 NOT_EXACT = {"casadi_qrqp", "osqp"}
 
 
 @pytest.mark.slow
-def test_all_solvers_are_measured_and_ours_agrees(tmp_path, capsys):
+def test_every_solver_is_timed_and_the_gain_with_daqp_is_optimal(tmp_path, capsys):
     mpc_solvers.main(25, (20,), tmp_path / "figures.json")
     text, figures = capsys.readouterr().out, json.loads((tmp_path / "figures.json").read_text())
     peers = {peer["name"]: peer for peer in figures["peers"]}
@@ -35,13 +35,13 @@ def test_all_solvers_are_measured_and_ours_agrees(tmp_path, capsys):
     assert grown["worst_difference_rad"] < 1e-6
 
 
-def test_limits_bind_in_half_of_the_whole_run_and_none_is_left():
+def test_limits_are_active_in_half_of_the_run_and_none_is_violated():
     run = simulate(NECK, STEPS, 500)
     assert run.softened == 0
     assert 200 < run.binding.sum() < 300
 
 
-def test_solver_without_a_solution_is_counted_not_hidden():
+def test_a_solver_failure_is_counted():
     run = simulate(NECK, STEPS, 20)
     peer = Gazempc(NECK, STEPS, SMOOTHING_TIME_S)
     first = solve_all(peer, run)[1]

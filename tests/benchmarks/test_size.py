@@ -1,4 +1,4 @@
-"""Lines of code are those that hold something else than comments and docstrings."""
+"""Lines of code exclude comments, docstrings and blank lines."""
 
 import pytest
 
@@ -14,7 +14,7 @@ from benchmarks.size import code_lines, table
         ('class A:\n    """Doc."""\n\n    def f(self):\n        """Doc\n        of f."""\n', 2),
     ],
 )
-def test_code_lines(source, lines):
+def test_docstrings_comments_and_blank_lines_are_not_code(source, lines):
     assert code_lines(source) == lines
 
 

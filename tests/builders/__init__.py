@@ -1,1 +1,1 @@
-"""What several test modules build: recordings, necks, live runs with faults. One builder for each thing."""
+"""Builders shared by test modules: recordings, necks, live runs with faults."""

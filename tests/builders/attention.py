@@ -15,9 +15,9 @@ COMMANDS = (
 
 
 def attention_log(error_deg, attended=(), away=(), swaps_s=(), captures_s=(), **about):
-    """A gaze that is so far off a head straight ahead at each tick.
+    """Log of a gaze with the given error against a head straight ahead at each tick.
 
-    `attended` has times, numbers and whys; `away` has beginnings, ends and whys; what was captured arrives 0.1 s later.
+    `attended` has times, track numbers, reasons; `away` has starts, ends, reasons; frames arrive 0.1 s after capture.
     """
     times_s, numbers, whys = zip(*attended, strict=True) if attended else ((), (), ())
     starts_s, ends_s, reasons = zip(*away, strict=True) if away else ((), (), ())
@@ -30,7 +30,7 @@ def attention_log(error_deg, attended=(), away=(), swaps_s=(), captures_s=(), **
     arrays["time_s"] = arrays["joint_time_s"] = TICK_S * np.arange(len(error_deg))
     arrays["joint_position_rad"] = arrays["command_position_rad"] = joints
     arrays["head_true_base_m"][:] = [2.0, 0.0, 0.0]
-    told = {
+    columns = {
         "capture_time_s": captures_s,
         "arrival_time_s": np.add(captures_s, 0.1),
         "person_id": np.full(len(captures_s), ""),
@@ -42,19 +42,19 @@ def attention_log(error_deg, attended=(), away=(), swaps_s=(), captures_s=(), **
         "away_why": np.array(reasons, dtype=np.str_),
         "identity_swap_time_s": swaps_s,
     }
-    arrays |= {name: np.asarray(values) for name, values in told.items()}
+    arrays |= {name: np.asarray(values) for name, values in columns.items()}
     return Log(run=run_info(**about), **arrays | {"attended_person": np.array(numbers, dtype=np.intp)})
 
 
 def of_motion(log, time_s, joints_rad, head_base_m, **changes):
-    """The log with other ticks, at which the joints are read, and a command at rest."""
+    """The log with other tick times and joint readings, and a constant command."""
     still = dict.fromkeys(COMMANDS, np.zeros_like(joints_rad))
     moved = {"time_s": time_s, "joint_time_s": time_s, "joint_position_rad": joints_rad}
     return replace(log, **{"head_true_base_m": head_base_m, **moved, **still, **changes})
 
 
 def error_in(seconds, off_deg, *contacts_s):
-    """An error at each tick that is 0 within these spans, and `off_deg` else."""
+    """Error at each tick: 0 within these intervals, else `off_deg`."""
     time_s = TICK_S * np.arange(round(seconds / TICK_S) + 1)
     inside = np.zeros(time_s.size, dtype=bool)
     for from_s, to_s in contacts_s:

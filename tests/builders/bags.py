@@ -1,4 +1,4 @@
-"""Small ROS 2 bags with people: frames, poses, points, and what ROS4HRI says of them."""
+"""Small ROS 2 bags with people: transforms, poses, points and ROS4HRI topics."""
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -13,9 +13,9 @@ OPTICAL = "camera_color_optical_frame"
 def write_bag(
     folder, frames, storage="sqlite3", delay_s=0.0, stamped=True, static=(), topics=(), lists=((1.0, ("a",)),)
 ):
-    """A bag with `/tf` of frames: rows of (stamp in s, parent, child, position, quaternion wxyz).
+    """Write a bag with `/tf`: rows of (stamp in s, parent, child, position, quaternion wxyz).
 
-    `static` are such rows of `/tf_static`; `topics` are (name, type, rows of (stamp, frame, position, quaternion) or of
+    `static` are rows of `/tf_static`; `topics` are (name, type, rows of (stamp, frame, position, quaternion) or of
     text), `lists` are rows of (stamp, ids) in `/humans/faces/tracked`. Not `stamped`, the
     messages have a stamp of 0.
     """

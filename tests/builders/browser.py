@@ -1,4 +1,4 @@
-"""A real browser without a screen."""
+"""A headless browser."""
 
 import os
 import shutil
@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
-# So that it asks nobody outside for anything, and keeps nothing.
+# No network requests and no stored profile.
 _FLAGS = (
     "--headless",
     "--no-sandbox",

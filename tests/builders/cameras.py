@@ -1,4 +1,4 @@
-"""Stand-ins for the camera source: rendered people, a detector of faces, and streams that fail."""
+"""Test doubles of the camera source: rendered people, a face detector, and failing streams."""
 
 import functools
 import os
@@ -14,7 +14,7 @@ from gazempc.robots.studio import Studio
 
 @functools.cache
 def studio():
-    """The room to render; one a process. Elsewhere than in CI, tests skip where nothing can be rendered."""
+    """The rendered room, one per process. Outside CI, tests skip where rendering is unavailable."""
     try:
         return Studio()
     except RuntimeError as error:
@@ -28,7 +28,7 @@ POINTS = np.array([[-0.19, -0.2], [0.19, -0.2], [0, 0.02], [0, 0.22], [-0.42, -0
 
 
 class Faces:
-    """Finds what a test puts into `here`: middle and width in pixels. It sees faces of a sixteenth of the square on."""
+    """Detector of the faces in `here` (centre and width, pixels) that are at least 1/16 of the square wide."""
 
     def __init__(self):
         self.here = []
@@ -76,7 +76,7 @@ class Falling:
         return "FFMPEG"
 
     def get(self, _: int) -> float:
-        # From the tenth picture on the stream runs at half its pace.
+        # From the tenth picture on the stream runs at half its frame rate.
         passed_s = time.monotonic() - self._begin_s
         return 1e3 * (passed_s if self._count < 10 else 0.5 * passed_s)
 
@@ -85,14 +85,14 @@ class Falling:
 
 
 class Frozen(Falling):
-    """One and the same picture from the tenth on."""
+    """The tenth picture is repeated for ever."""
 
     def retrieve(self) -> tuple[bool, np.ndarray]:
         return True, PICTURE + min(self._count, 10) % 7
 
 
 class Silent(Falling):
-    """No picture for some seconds after the tenth, then again."""
+    """No picture for some seconds after the tenth."""
 
     def grab(self) -> bool:
         time.sleep(2.2 if self._count == 10 else 0.0)
@@ -105,7 +105,7 @@ FACE_M = np.array([LEFT_M * RIGHT, LEFT_M, [0.022, 0, -0.036], [0.004, 0, -0.070
 
 
 def points_of(eyes_m, yaw_deg, roll_deg=0.0, scale=1.0):
-    """Tangents at which a head's points are seen; yaw from straight towards the origin."""
+    """Tangents of the directions to a head's key points; yaw relative to the direction of the origin."""
     yaw = np.deg2rad(180 + yaw_deg) + np.arctan2(eyes_m[1], eyes_m[0])
     c, s = np.cos(yaw), np.sin(yaw)
     r = np.deg2rad(roll_deg)

@@ -1,4 +1,4 @@
-"""What holds of every live run, checked independently of the code under test."""
+"""Invariants of every live run, checked independently of the code under test."""
 
 import functools
 
@@ -11,11 +11,11 @@ from gazempc.results.motion import readings
 
 
 def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False, rests=True):
-    """Position and its differences against the figures of the neck, independently of the code under test.
+    """Check position and its differences against the limits of the neck, independently of the code under test.
 
-    Where the robot did not answer (`breaks`: number of the first command after that) it stood still, which no limit can
-    prevent: each part is judged from rest on, or (not `rests`) by itself, as after a short silence the motion goes on
-    from commands that may have been executed. Where the run `ends` the robot stands by the last command for ever.
+    During robot silence (`breaks`: index of the first command after it) the robot stops, limits or not: each
+    part is checked from rest on, or (not `rests`) by itself, as after a short silence the motion continues
+    from possibly executed commands. After a run that `ends` the robot holds the last command.
     """
     low = np.deg2rad([NECK.pan.position_min_deg, NECK.tilt.position_min_deg])
     high = np.deg2rad([NECK.pan.position_max_deg, NECK.tilt.position_max_deg])
@@ -38,13 +38,13 @@ def assert_within_limits(positions_rad, starts_rad=None, breaks=(), ends=False, 
 
 
 def assert_sound(result, start_rad=None):
-    """At every tick a command; what was sent and what is logged are the same; all within limits, to the very stop."""
+    """A command at every tick; sent and logged commands are equal; all are within limits until rest."""
     sent = result.joined("command_position_rad")
     assert len(sent) == result.report.ticks
     received = np.array([position for _, position in result.robot.received])
     assert np.array_equal(received, sent)
     assert_within_limits(sent, start_rad, ends=True)
-    # Each observation was used, or refused for one reason.
+    # Each observation is used, or refused for exactly one reason.
     assert result.used + sum(result.refused.values()) == result.report.observations
     assert result.robot.calls[-1] == "close"
     assert result.source.calls[-1] == "close"
@@ -52,12 +52,12 @@ def assert_sound(result, start_rad=None):
 
 @functools.cache
 def undisturbed():
-    """The run without any fault, longer than any of those that are compared with it."""
+    """The run without faults, longer than every run compared with it."""
     return run_live(duration_s=6.6)
 
 
 def assert_recovered(result, from_s, within_deg=0.3):
-    """From then on the gaze error is what it is without the fault, and was not at some time before."""
+    """From `from_s` on the gaze error equals that without the fault, and at some time before it does not."""
     reference, now = undisturbed(), result.joined("time_s")
     until_s = min(result.ended_s, reference.ended_s)
     scored = (now >= from_s) & (now < until_s)
@@ -68,7 +68,7 @@ def assert_recovered(result, from_s, within_deg=0.3):
 
 
 def assert_same_commands(result, within_rad):
-    """Until it is told to stop, the commands are those without the fault."""
+    """Until the stop, the commands equal those without the fault."""
     sent = result.joined("command_position_rad")[result.joined("time_s") < result.ended_s]
     usual = undisturbed().joined("command_position_rad")[: len(sent)]
     assert len(sent) > 2.0 / TS
@@ -76,7 +76,7 @@ def assert_same_commands(result, within_rad):
 
 
 def in_zone(log):
-    """Share of the observations, from 3 s on, within the zone of the picture when they were captured."""
+    """Share of the observations, from 3 s on, within the zone of the picture at their capture."""
     picture = FramedPicture.of(Framing.model_validate(log.run.settings["framing"]), log.neck)
     looks_rad = look_at_rad(log.neck.geometry, log.head_observed_base_m)
     seen_s, read = log.capture_time_s, readings(log)

@@ -1,4 +1,4 @@
-"""A controller, a smoother and a neck in closed loop, without anything else."""
+"""A controller, a smoother and a neck in closed loop."""
 
 import numpy as np
 
@@ -47,11 +47,11 @@ def run(
     sigma_m=np.zeros_like,
     robot_type=SimulatedNeck,
 ):
-    """Closed loop, as the loop does it; returns true joint angles, commands and the gaze error after each tick.
+    """Simulate the closed loop; returns true joint angles, commands and the gaze error after each tick.
 
-    The future is the true one, or what `known(now, times)` says of it, with standard deviations `sigma_m` of the time
-    from now. `neck` is simulated; controller, observer and
-    smoother know `model`.
+    The forecast is the true future or `known(now, times)`, with standard deviations `sigma_m` of the time
+    from now. `neck` is the plant; `model` is the
+    model of controller, observer and smoother.
     """
     model = model or neck
     now = 0.0
@@ -103,7 +103,7 @@ def run(
 
 
 def assert_within(limits, positions, period_s):
-    """Positions from rest on are within limits of position, velocity, acceleration and jerk: of a command or a neck."""
+    """Positions, starting at rest, are within the limits of position, velocity, acceleration and jerk."""
     x = np.vstack([np.tile(positions[0], (3, 1)), positions])
     assert np.all(x <= limits.position_max_rad + 1e-9)
     assert np.all(x >= limits.position_min_rad - 1e-9)

@@ -1,4 +1,4 @@
-"""Small files of one walk in the formats of other programs, written as those programs write them."""
+"""Small files of one walk in the formats of other programs."""
 
 import json
 
@@ -30,7 +30,7 @@ class Walk:
 
     @classmethod
     def point_m(cls, part, offset_m):
-        """Where a point of head or pelvis is that stands so far forward, left and up."""
+        """Position of a point with this offset (forward, left, up) from head or pelvis."""
         return getattr(cls, f"{part}_m") + getattr(cls, part).apply(offset_m)
 
 
@@ -132,9 +132,9 @@ BACK = Rotation.from_euler("z", np.pi)
 
 
 def ros2_echo(path, kind="pose", frame="camera_color_optical_frame"):
-    """`ros2 topic echo --csv`: no header; stamps since 1970 as seconds and nanoseconds; quaternions x, y, z, w.
+    """`ros2 topic echo --csv`: no header; Unix stamps as seconds and nanoseconds; quaternions x, y, z, w.
 
-    The person goes backwards, to keep the face turned to the sensor.
+    The person walks backwards and faces the sensor.
     """
     axes = "optical" if "optical" in frame else "z-up"
     positions = in_axes(axes, Walk.head_m - [0.0, 0.0, 1.2] + [1.0, 0.0, 0.0])
@@ -225,7 +225,7 @@ def openpose(folder, lost=(), unit_m=0.001):
     return folder
 
 
-# Not the SDK's order on purpose: joints are found by name.
+# The order differs from the SDK's: joints are found by name.
 KINECT = {"EAR_RIGHT": ("head", [0.0, -0.07, 0.0]), "NECK": ("pelvis", [0.0, 0.0, 0.4]), "NOSE": ("head", [0.1, 0, 0])}
 KINECT |= {"PELVIS": ("pelvis", np.zeros(3)), "HEAD": ("head", np.zeros(3)), "EAR_LEFT": ("head", [0.0, 0.07, 0.0])}
 

@@ -20,7 +20,7 @@ def between(start_s, stop_s):
 
 
 def answers_badly(kind, state):
-    """One bad way to answer a reading."""
+    """Raise or return an invalid reading."""
     if isinstance(kind, type):
         raise kind("no answer")
     return {
@@ -31,7 +31,7 @@ def answers_badly(kind, state):
 
 
 class Controller(LookAhead):
-    """One whose plans a test may change: `change(plan)`."""
+    """Controller whose plans are modified by `change(plan)`."""
 
     def __init__(self, change):
         super().__init__(NECK)
@@ -42,7 +42,7 @@ class Controller(LookAhead):
 
 
 class Predictor(ConstantVelocity):
-    """One whose forecasts a test may change: `change(forecast)`."""
+    """Predictor whose forecasts are modified by `change(forecast)`."""
 
     def __init__(self, change):
         super().__init__()
@@ -61,7 +61,7 @@ def wild_plan(plan):
 
 
 class Late(ImmediatePlanner):
-    """A planner whose answers come some time after the request, on a simulated clock."""
+    """A planner with a delay between request and answer, on a simulated clock."""
 
     def __init__(self, controller, clock, delay_s):
         super().__init__(controller)
@@ -82,9 +82,9 @@ class Late(ImmediatePlanner):
 
 
 class Jumping(SimulatedClock):
-    """A clock on which some waits take much longer than they should: the loop was not woken.
+    """A clock with overlong waits, as of a loop that is not scheduled.
 
-    `jumps`: at which time, and by how many seconds.
+    `jumps`: delay by start time, seconds.
     """
 
     def __init__(self, jumps=()):
@@ -108,7 +108,7 @@ class Flood(Faulty):
 
 
 class Slow(ConstantVelocity):
-    """Each update takes its time."""
+    """Each update is slow."""
 
     def update(self, observation):
         time.sleep(0.003)
@@ -116,7 +116,7 @@ class Slow(ConstantVelocity):
 
 
 class Jittery(SimulatedClock):
-    """Wakes up late by 0 to 2 ms, as a real computer does."""
+    """Clock with a wake-up latency of 0 to 2 ms."""
 
     def __init__(self):
         super().__init__()

@@ -1,4 +1,4 @@
-"""Examples for fits that need no walk."""
+"""Synthetic examples for fits."""
 
 import numpy as np
 

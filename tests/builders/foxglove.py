@@ -6,7 +6,7 @@ from websockets.sync.client import connect
 
 
 def received(url, topics):
-    """The first message of each topic that the client gets, as JSON where it is that."""
+    """The first message of each topic received by the client; JSON is decoded."""
     found, names = {}, {}
     with connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
         while set(found) != set(topics):
@@ -16,8 +16,8 @@ def received(url, topics):
                 continue
             advertised = json.loads(message)
             if advertised["op"] == "advertise":
-                wanted = {each["id"]: each["topic"] for each in advertised["channels"] if each["topic"] in topics}
-                names |= wanted
-                subscriptions = [{"id": number, "channelId": number} for number in wanted]
+                available = {each["id"]: each["topic"] for each in advertised["channels"] if each["topic"] in topics}
+                names |= available
+                subscriptions = [{"id": number, "channelId": number} for number in available]
                 socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
     return found

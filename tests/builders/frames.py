@@ -1,4 +1,4 @@
-"""Frames as a source gives them, and what is found to be wrong with them."""
+"""Frames of a source, and the findings on them."""
 
 import numpy as np
 
@@ -15,13 +15,13 @@ TRACK_S = np.arange(28) / 30.0
 
 
 def refused(heads_m, frame_s=FRAME_S, names=None):
-    """Which of some frames are refused."""
+    """Frames that are refused."""
     judge, names = Plausibility(), names or [None] * len(heads_m)
     return [bool(judge.refusal(k * frame_s, np.asarray(head), names[k])) for k, head in enumerate(heads_m)]
 
 
 def judged_place(sent, mount=None, names=None):
-    """What is said of a short track; heads as the tracker states them."""
+    """Findings on a short track; heads in the tracker's frame."""
     mount, judged = mount or Mount(), []
     for time_s, head, name in zip(TRACK_S, sent, names or [None] * TRACK_S.size, strict=True):
         seen = mount.in_sensor(HeadObservation(float(time_s), np.array(head)))

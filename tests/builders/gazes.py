@@ -1,4 +1,4 @@
-"""A robot as a user of `gazempc.Gaze` has it."""
+"""A robot for `gazempc.Gaze`."""
 
 import math
 import threading
@@ -16,7 +16,7 @@ START_RAD = np.radians([5.0, 2.0])
 
 
 class Robot(Spied):
-    """A simulated neck on the computer's clock, as a user's own robot is; keeps what it is sent."""
+    """A simulated neck on the computer's clock; records the commands."""
 
     name = "spied"
 
@@ -42,7 +42,7 @@ def assert_braked_and_closed(robot):
 
 
 def see_for(opened, seconds, stamp=time.time):
-    """A person walks by, at 30 frames a second."""
+    """Feed a passing person at 30 Hz."""
     start_s = time.monotonic()
     while (elapsed_s := time.monotonic() - start_s) < seconds:
         opened.see(stamp() - 0.03, [2.0, 1.2 * math.sin(1.5 * elapsed_s), 0.3], head_quat_wxyz=[1, 0, 0, 0])

@@ -1,4 +1,4 @@
-"""Plants whose truth is known, and what is taken of them."""
+"""Plants with known parameters, and records of them."""
 
 import dataclasses
 

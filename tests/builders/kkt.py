@@ -1,6 +1,6 @@
-"""Is an answer the best one? A check that takes nothing from a solver but the answer.
+"""Optimality conditions of a solution, checked from the solution alone.
 
-For the program of `gazempc.controllers.mpc.qp`, x with -1 <= x <= 1 is the best one if and only if there are
+For the program of `gazempc.controllers.mpc.qp`, x with -1 <= x <= 1 is optimal if and only if there are
 multipliers m of the soft rows and b of the bounds with
 
     H x + g + A' m + b = 0
@@ -25,7 +25,7 @@ from gazempc.types import FloatArray
 
 @dataclass(frozen=True)
 class KktResidual:
-    """How far an answer is from the conditions of optimality; both dimensionless.
+    """Residuals of the optimality conditions; dimensionless.
 
     Attributes:
         stationarity: Largest element of H x + g + A' m + b, as a share of the largest element of H x and g.
@@ -39,19 +39,19 @@ class KktResidual:
 def kkt_residual(
     data: QpData, g: FloatArray, lower: FloatArray, upper: FloatArray, x: FloatArray, tolerance: float = 1e-4
 ) -> KktResidual:
-    """Check an answer against the conditions of optimality.
+    """Residuals of the optimality conditions at a point.
 
     Args:
-        data: The part of the program that stays.
+        data: The constant part of the program.
         g: Linear cost, shape (n,).
         lower: Lower bounds of the soft rows, shape (m,), as shares of their limits.
         upper: Upper bounds, shape (m,), above the lower ones by more than twice `tolerance`.
-        x: The answer, shape (n,), as shares of the bounds.
-        tolerance: A row or variable is taken to be on its bound if it is within this share of it: solvers keep bounds
-            to a tolerance only, and interior-point solvers stop a little inside.
+        x: The point, shape (n,), as shares of the bounds.
+        tolerance: A row or variable within this share of its bound counts as active: solvers satisfy bounds
+            to a tolerance only, and interior-point solvers stop inside.
 
     Returns:
-        The residuals; NaN if the answer is.
+        The residuals; NaN if `x` is.
     """
     if not np.all(np.isfinite(x)):
         return KktResidual(np.nan, np.nan)

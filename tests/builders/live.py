@@ -1,4 +1,4 @@
-"""Live runs on a simulated clock, with a source and a robot whose behaviour a test may change."""
+"""Live runs on a simulated clock, with faults injected into source and robot."""
 
 import dataclasses
 import threading
@@ -28,7 +28,7 @@ WALK = to_and_fro("subject03_R4", 3)
 
 
 class Faulty(ReplaySource):
-    """A replay whose sightings a test may change: `change(now_s, sighting)` gives those that arrive in its place."""
+    """A replay source with faults: `change(now_s, sighting)` returns the sightings that replace it."""
 
     def __init__(self, clock, change=None, on_poll=None, walk=WALK):
         super().__init__(walk, SENSOR, 0, clock)
@@ -59,7 +59,7 @@ class Faulty(ReplaySource):
 
 @dataclasses.dataclass
 class Result:
-    """What came of a run."""
+    """Logs and parts of a finished run."""
 
     logs: list
     report: object
@@ -78,7 +78,7 @@ class Result:
 
     @property
     def ended_s(self):
-        """When the neck was told to stop."""
+        """Time of the stop request."""
         return {"duration": self.duration_s, "end of the source": WALK.times_s[-1]}[self.report.stopped_by]
 
     def event_s(self, name):
@@ -94,7 +94,7 @@ class Result:
 
 
 def live_setup(neck, robot, source, clock, controller=None, planner=ImmediatePlanner, predictor=None, **more):
-    """The parts of a run; `planner` makes the planner of the controller, `more` are other parts."""
+    """The parts of a run; `planner` makes the planner of the controller, `more` are further parts."""
     return LiveSetup(
         run_info(neck, mode="live"),
         neck,

@@ -1,4 +1,4 @@
-"""A loop on a simulated clock whose parts a test may change."""
+"""A loop on a simulated clock with replaceable parts."""
 
 import dataclasses
 
@@ -33,7 +33,7 @@ def make_recorder(neck=NECK):
 
 
 def make_loop(robot, recorder, controller=None, predictor=None, settings=None, neck=NECK):
-    """A loop for a neck at rest straight ahead; look-ahead and constant velocity unless told otherwise."""
+    """A loop for a neck at rest straight ahead; by default look-ahead and constant velocity."""
     return GazeLoop(
         neck,
         PersonTrack(predictor or ConstantVelocity(), settings or LoopSettings()),
@@ -46,7 +46,7 @@ def make_loop(robot, recorder, controller=None, predictor=None, settings=None, n
 
 
 class LoopBench:
-    """A loop, its robot and a person who is seen at 30 fps; `on_read` and `on_send` as in `Spied`."""
+    """A loop, its robot and a person observed at 30 Hz; `on_read` and `on_send` as in `Spied`."""
 
     def __init__(
         self,
@@ -69,9 +69,9 @@ class LoopBench:
         self.loop = make_loop(self.robot, self.recorder, controller, predictor, settings, neck)
 
     def run(self, seconds, seen=lambda t: True, lead_s=0.066, extra=(), answering=True):
-        """Run; frames whose capture time `seen` accepts arrive `lead_s` late, and the `extra` sightings.
+        """Run the loop; frames with `seen(capture time)` arrive `lead_s` late, and the `extra` sightings.
 
-        A robot that is not `answering` holds its command at once, which no limit can prevent.
+        A robot that is not `answering` stops at its command at once, limits or not.
         """
         frames = [k / 30 for k in range(int(seconds * 30)) if seen(k / 30)]
         sightings = [Sighting(t + lead_s, HeadObservation(t, self.head_m(t))) for t in frames]

@@ -49,7 +49,7 @@ def decoded(path, topic):
 
 
 def entities(path):
-    """What is drawn: by name, each update."""
+    """Updates of each scene entity, by name."""
     found = {}
     for _, update in decoded(path, "/scene"):
         for entity in update.entities:
@@ -58,7 +58,7 @@ def entities(path):
 
 
 def placed(frames, child):
-    """Origin and orientation of a frame in the base, by the chain of transforms that leads there."""
+    """Origin and orientation of a frame in the base, by composition of transforms."""
     by_name = {each.child_frame_id: each for each in frames}
     at_m, turn = np.zeros(3), Rotation.identity()
     while child in by_name:
@@ -74,7 +74,7 @@ def placed(frames, child):
 def times_of_what_is_there(path):
     """Times of the ticks in a file that may be cut off."""
     found = []
-    with path.open("rb") as file, suppress(McapError):  # where it was cut off
+    with path.open("rb") as file, suppress(McapError):  # truncated here
         for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
             if channel.topic == "/ticks":
                 found.append(json.loads(message.data)["time_s"])

@@ -1,4 +1,4 @@
-"""Where a sensor is, by matrices written out by hand."""
+"""The sensor's pose, by matrices written out by hand."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

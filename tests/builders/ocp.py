@@ -22,7 +22,7 @@ QUIET["ipopt.bound_relax_factor"] = 0.0
 
 
 def shot(o, neck, index, state, jerks):
-    """The trajectory by multiple shooting: defects of the states at the ends of the steps, and what each symbol is.
+    """Multiple shooting: defects of the states at the ends of the steps, and the value of each symbol.
 
     `state` has shape (5, 1 + n), the first column is z0; the dynamics are applied tick by tick.
     """
@@ -39,7 +39,7 @@ def shot(o, neck, index, state, jerks):
 
 @lru_cache
 def ipopt_of(neck, index, lengths, tuning, soft, terms=(), rows=()):
-    """IPOPT on the statement as it is written down: a state for each step, limits as rows, slacks if soft."""
+    """IPOPT on the uncondensed statement: a state for each step, limits as rows, slacks if soft."""
     o, n = problem.Trajectory(neck, index, lengths), len(lengths)
     z, j, slack = ca.SX.sym("Z", 5, 1 + n), ca.SX.sym("J", n), None
     most = problem.jerk_max_rad_s3(neck, index)
@@ -64,7 +64,7 @@ def ipopt_of(neck, index, lengths, tuning, soft, terms=(), rows=()):
     }
 
     def solve(z0, reference):
-        # Whatever the start: with a slack of ten everything is within its limits.
+        # Feasible from any start: a slack of ten satisfies every limit.
         start = np.repeat([0.0, 0.0, 10.0 if soft else 0.0], free)
         found = np.asarray(solver(x0=start, p=np.concatenate([z0, reference]), **bounds)["x"]).ravel()
         return found[: 5 * n].reshape(n, 5).T, found[5 * n : 6 * n]
@@ -100,7 +100,7 @@ def least_squares(state, reference, zeta=ZETA):
 
 
 def even(steps, index=0):
-    """A joint whose steps are all of one control period, with a knot at each."""
+    """A joint with equal steps of one control period, a knot at each."""
     return AxisModel(NECK, index, (1,) * steps, steps)
 
 
@@ -108,7 +108,7 @@ MODEL = even(N)
 OCP = AxisOcp(MODEL, T, ZETA)
 
 
-# As long as the one that ships.
+# The shipped horizon.
 LONG = AxisOcp(even(40), 0.085, ZETA)
 H = NECK.control_period_s
 

@@ -1,4 +1,4 @@
-"""A camera with ONVIF on this computer: the service of ipycam, mended, turns a simulated neck."""
+"""An ONVIF camera on this computer: the corrected service of ipycam turns a simulated neck."""
 
 import re
 import threading
@@ -31,12 +31,12 @@ _STATUS = """<tptz:GetStatusResponse xmlns:tptz="http://www.onvif.org/ver20/ptz/
 
 
 class OnvifCameraServer:
-    """The camera: pan to the right is positive, as ONVIF has it, and a move ends after its Timeout.
+    """The camera: pan to the right is positive by ONVIF's convention, and a move ends after its Timeout.
 
     Attributes:
         moves: Time by `time.monotonic`, and x and y of each ContinuousMove; Stop is (0, 0).
         bodies: Every request.
-        says_moving: Whether its move status is MOVING for ever.
+        says_moving: Whether its move status is always MOVING.
         silent: Whether connections are closed without an answer.
     """
 

@@ -1,4 +1,4 @@
-"""Modules with parts of a user's own, written into a folder as a user has them in the working directory."""
+"""Modules with user-defined parts, written into a working directory."""
 
 import itertools
 
@@ -96,7 +96,7 @@ _NUMBERS = itertools.count()
 
 
 def write_own_parts(folder):
-    """Write all of it into a folder; each call gives another module, because Python imports a name once.
+    """Write the modules into a folder; each call uses a new module name, because Python imports a name once.
 
     Returns the module's name.
     """
@@ -170,10 +170,10 @@ _SPOILT_BASES = {"Robot": "Head", "Source": "Walker", "Controller": "Reactive", 
 
 
 def write_spoilt(folder, family, own):
-    """Write a module with the part `Spoilt`, of which each answer but the first ones is wrong in another way."""
+    """Write a module with the part `Spoilt`, whose answers after the first ones are invalid in different ways."""
     part, method = family.split(".")
     module, wrap = own if part in ("Robot", "Source") else "gazempc", "property" if method == "finished" else ""
-    # Closed once; the others are tried out when they are made.
+    # Closed once; the others are tested when they are built.
     text = _SPOILT.format(
         module=module, base=_SPOILT_BASES[part], family=family, method=method, wrap=wrap,
         good_calls=0 if method == "close" else 40,

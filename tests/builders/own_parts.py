@@ -1,4 +1,4 @@
-"""A module with parts of the user's own, as a user would write it."""
+"""A module with user-defined parts."""
 
 import sys
 
@@ -44,7 +44,7 @@ class Failing(Steady):
 
 
 def own_module(folder, monkeypatch, name="my_parts", more=""):
-    """Write the module into a folder that becomes the working directory; gives its name."""
+    """Write the module into a folder that becomes the working directory; returns its name."""
     (folder / f"{name}.py").write_text(MODULE + more)
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))

@@ -27,7 +27,7 @@ def made_errors(monkeypatch, position_m, time_s=TUNED_TIME_S, rules=("paper",), 
     seen = [np.where(valid[:, None], x, np.nan) for x in (position_m, head, position_m - [0, 0, 0.6], waist)]
     times_s = np.arange(count) / 30
     truth = Track(position_m, head, position_m - [0, 0, 0.6], waist)
-    name = f"made{next(_COUNTER)}"  # never the same, as what is made of a recording is kept by its name
+    name = f"made{next(_COUNTER)}"  # unique, because results are cached by recording name
     labels = Labels("me", "straight")
     recording = Recording(name, "made", "body tracking", times_s, truth, Track(*seen), True, labels)
     scene = SimpleNamespace(walk=recording)

@@ -1,4 +1,4 @@
-"""Ports that nobody uses."""
+"""Free network ports."""
 
 import socket
 

@@ -1,4 +1,4 @@
-"""The program `python -m gazempc.live` as its user starts it."""
+"""The program `python -m gazempc.live` in a process of its own."""
 
 import json
 import math
@@ -38,17 +38,17 @@ class Program:
         self.process.wait()
 
     def until_it_runs(self):
-        """Until its first output, which it prints when the run begins."""
+        """Wait for the first output, printed when the run begins."""
         while b"Ctrl-C stops" not in self.printed:
             ready, _, _ = select.select([self.process.stdout], [], [], FOREVER_S)
             chunk = self.process.stdout.read1() if ready else b""
             if not chunk:
-                self.process.kill()  # else its errors would never end
+                self.process.kill()  # otherwise reading its errors would block
                 raise AssertionError(self.process.stderr.read().decode())
             self.printed += chunk
 
     def walk(self, seconds, rate_hz=30):
-        """Lines of a person who walks by, in real time."""
+        """Send lines of a passing person, in real time."""
         for k in range(int(seconds * rate_hz)):
             t = k / rate_hz
             head = [2.5, 1.2 * math.sin(1.2 * t), 0.4]
@@ -66,14 +66,14 @@ class Program:
         return (self.printed + out).decode(), err.decode()
 
     def until_it_takes_signals(self):
-        """Early in its start: the first thing that it does."""
+        """Wait until signal handlers are installed, early in the start."""
         status = Path(f"/proc/{self.process.pid}/status")
         caught = lambda: int(re.search(r"SigCgt:\s*(\w+)", status.read_text()).group(1), 16)  # noqa: E731
         wait_for(lambda: caught() >> (signal.SIGTERM - 1) & 1, FOREVER_S, step=lambda: time.sleep(0.001))
 
 
-def check_output(out, said):
-    """Logs, summary and report of a run agree with each other and with what it said; returns summary and log."""
+def check_output(out, output):
+    """Logs, summary, report and printed output of a run agree; returns summary and log."""
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     assert summary["logs"] == ["log_000.npz"]
     log = load_log(out / "log_000.npz")
@@ -82,7 +82,7 @@ def check_output(out, said):
     assert np.all(np.isfinite(log.command_position_rad))
     assert summary["limit_violations"] == limit_violations(log, log.neck) == 0
     assert (out / "compute_000.npz").is_file()
-    assert f"stopped by: {summary['stopped_by']}" in said
+    assert f"stopped by: {summary['stopped_by']}" in output
     report = BeautifulSoup((out / "report.html").read_text(encoding="utf-8"), "html.parser")
     cells = {row.th.text: row.td.text for row in report.select("tbody tr")}
     assert (cells["ticks"], cells["observations"]) == (str(summary["ticks"]), str(summary["observations"]))
@@ -116,7 +116,7 @@ with stopped_by_signals(stop):
 
 
 def assert_refused(words, named, out, capsys):
-    """Exit status 2, with all of this named, and before anything is written."""
+    """Exit status 2 with these words in the message, before any file is written."""
     assert main([*words, "--out", str(out)]) == 2
     complained = capsys.readouterr().err
     assert all(word in complained for word in named), complained

@@ -29,7 +29,7 @@ def reordered(placed, order, name=None):
 
 
 def to_and_fro(name, legs):
-    """A synthetic walk there and back again, as often as wanted."""
+    """A synthetic walk to and fro."""
     placed = synthetic(name)
     n = placed.times_s.size
     order = np.concatenate([np.arange(n) if leg % 2 == 0 else np.arange(n)[::-1] for leg in range(legs)])

@@ -1,4 +1,4 @@
-"""Replays of recordings on the reference neck with the reference sensor, unless a test says otherwise."""
+"""Replays of recordings, by default on the reference neck with the reference sensor."""
 
 import dataclasses
 
@@ -20,7 +20,7 @@ NECK = at_100_hz("reference")
 
 
 def quick_neck(folder, name="reference"):
-    """Path of a shipped neck at 50 Hz, which takes a fifth of the time to simulate."""
+    """Path of a shipped neck at 50 Hz, simulated in a fifth of the time."""
     rates, path = {"control_rate_hz": 50.0, "servo_rate_hz": 50.0}, folder / "quick.toml"
     path.write_text(as_toml(load_neck(name).model_copy(update=rates).model_dump(exclude_none=True)))
     return str(path)
@@ -40,7 +40,7 @@ def replayed(placed, controller="mpc", *, settings=None, neck=None, sensor=None)
 
 
 def run_info(neck=None, **fields):
-    """What a run was, for a log made by hand."""
+    """Run metadata for a log made by hand."""
     about = {"recording": "made by hand", "kind": "synthetic", "subject": "nobody", "controller": "mpc"}
     about |= {"predictor": "walker", "neck": neck or load_neck("reference"), "sensor": {"name": "reference"}}
     return RunInfo(**about | fields)

@@ -9,7 +9,7 @@ from experiments.rivals.rival import Detection, HeadCamera, View
 from gazempc.neck.spec import Geometry, load_neck
 from gazempc.types import JointState
 
-# Axes and eye in one point: then a direction is all there is to see.
+# Axes and eye intersect in one point: the image depends on the direction alone.
 NECK = load_neck("reference").model_copy(update={"geometry": Geometry()})
 CAMERA = HeadCamera(
     half_width_rad=np.deg2rad(45.0),
@@ -46,7 +46,7 @@ class Plant:
 
 @dataclass
 class Course:
-    """What happened: times (N,), pan and tilt of the head and of the person (N, 2), degrees, and the law's answers."""
+    """Result: times (N,), pan and tilt of the head and of the person (N, 2), degrees, and the law's commands."""
 
     time_s: np.ndarray
     head_deg: np.ndarray
@@ -54,7 +54,7 @@ class Course:
     command: np.ndarray
 
     def lag_s(self, rate_deg_s, last_s):
-        """By how much the head's pan is late on a ramp: the mean over the last so many seconds."""
+        """Lag of the head's pan on a ramp: mean over the last `last_s` seconds."""
         end = self.time_s > self.time_s[-1] - last_s
         return float(np.mean(self.person_deg[end, 0] - self.head_deg[end, 0])) / rate_deg_s
 
@@ -70,12 +70,12 @@ def ramp(rate_deg_s, start_deg=0.0):
 
 
 def first_frame_only(time_s):
-    """Whether a frame shows the face, where only the first one does."""
+    """Face visibility: in the first frame only."""
     return time_s < 0.005
 
 
 def offset_of(person_deg, head_rad, view):
-    """Place of a direction in the image, by turning it into the camera's frame; None behind it."""
+    """Image position of a direction by rotation into the camera frame; None behind the camera."""
     pan, tilt = np.deg2rad(person_deg)
     direction = np.array([np.cos(tilt) * np.cos(pan), np.cos(tilt) * np.sin(pan), np.sin(tilt)])
     c, s = np.cos(head_rad), np.sin(head_rad)
@@ -95,7 +95,7 @@ def run(law, person, duration_s, plant=None, camera=CAMERA, seen=lambda t: True,
         person: Pan and tilt of the person at a time, degrees.
         duration_s: How long.
         plant: How the joints answer; at once if not given.
-        camera: What the plant's camera is; the law may have been told otherwise.
+        camera: The plant's camera; the law's model may differ.
         seen: Whether a frame of that capture time shows the face.
         range_m: Distance of the person.
         dt_s: Step of the simulation.

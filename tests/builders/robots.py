@@ -1,10 +1,10 @@
-"""Robots whose behaviour a test may change."""
+"""Robots with injected faults."""
 
 
 class Spied:
-    """A robot that keeps what it is sent and whose answers a test may change.
+    """A robot that records its commands and whose answers can be replaced.
 
-    `on_read(now_s, state)` and `on_send(now_s)` may raise, or give what is answered in place of the truth (`on_send`
+    `on_read(now_s, state)` and `on_send(now_s)` may raise, or return the answer that replaces the truth (`on_send`
     as the only element of a tuple); what `on_send` does not answer reaches the neck.
     """
 

@@ -1,4 +1,4 @@
-"""A graph of ROS 2 inside the test: messages with the fields of the standard definitions, taken without rclpy."""
+"""A ROS 2 graph inside the test: messages with the standard fields, without rclpy."""
 
 import math
 from collections import defaultdict, deque
@@ -27,7 +27,7 @@ def make_message(type_name, **fields):
 
 
 def header(frame_id, at_s):
-    """At a time of the loop; None for no stamp."""
+    """Header with a loop time as stamp; None for no stamp."""
     whole = -UNIX_START_S if at_s is None else math.floor(at_s)
     nanosec = 0 if at_s is None else round(1e9 * (at_s - whole))
     stamp = make_message("builtin_interfaces/msg/Time", sec=UNIX_START_S + whole, nanosec=nanosec)
@@ -62,7 +62,7 @@ def stamped_point(frame_id, place_m, at_s=None):
 
 
 def detections(*stated, covariance):
-    """Heads with name, score, position and box, which the types of ROS 2 itself do not have."""
+    """Heads with name, score, position and box."""
     found = []
     for name, score, position_m, box_m in stated:
         at = SimpleNamespace(pose=pose(position_m), covariance=covariance.ravel())
@@ -91,8 +91,8 @@ def tracked(*ids):
     return make_message(IDS, header=header("", NOW_S), ids=list(ids))
 
 
-def text(said):
-    return make_message(TEXT, data=said)
+def text(content):
+    return make_message(TEXT, data=content)
 
 
 class _Subscription:
@@ -135,7 +135,7 @@ class _Node:
 
 
 class Stage:
-    """Senders, and the source that listens."""
+    """Publishers, and the source that subscribes."""
 
     def __init__(self):
         self.now_s, self.opened, self.listeners, self.kept = NOW_S, [], [], {}
@@ -165,7 +165,7 @@ class Stage:
         self.put("/tf_static", TF, frames(*transforms), latched=True)
 
     def announced(self, topic, type_name, node="/sender"):
-        """A node that sends."""
+        """Announce a publisher."""
         self.senders[topic].append((node, type_name))
 
     def gone(self, topic):
@@ -182,7 +182,7 @@ class Stage:
 
 
 def polled(source, count):
-    """Observations and cues of a poll, and its problems; so many of them all together."""
+    """Observations and cues of polls until there are `count`, and the problems."""
     arrived = source.poll()
     found = [*(sighting.observation for sighting in arrived.sightings), *arrived.cues]
     assert len(found) + len(arrived.problems) == count

@@ -1,4 +1,4 @@
-"""The real rclpy: other nodes on the loopback, in a domain of this test."""
+"""The real rclpy: nodes on the loopback, in a domain of this test."""
 
 import os
 

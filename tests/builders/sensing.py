@@ -1,4 +1,4 @@
-"""A person who stands, and what a sensor with given errors sees of them."""
+"""A standing person, and the observations of a sensor with given errors."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,7 +17,7 @@ def sensor(**fields):
 
 
 def standing(seconds, head_m=HEAD_M, facing_away_deg=0.0, rate_hz=30.0):
-    """Somebody who stands, turned from the sensor by an angle; head and pelvis alike."""
+    """A standing person, head and pelvis turned from the sensor by an angle."""
     times_s = np.arange(round(seconds * rate_hz)) / rate_hz
     yaw_rad = np.arctan2(-head_m[1], -head_m[0]) + np.deg2rad(np.broadcast_to(facing_away_deg, times_s.shape))
     quats = Rotation.from_euler("z", yaw_rad[:, None]).as_quat(scalar_first=True)

@@ -1,4 +1,4 @@
-"""BVH files as programs export them: their joints' names and trees, axes and units, on one walking person."""
+"""BVH files with the joint names, trees, axes and units of several programs, of one walking person."""
 
 import re
 
@@ -47,7 +47,7 @@ def body(hips, spine, head, sides, leg_names, arm_names, top=None):
 
 
 def write_bvh(path, tree, axes=Y_UP_FACING_Z, unit_m=0.01, head=None, walks=True, above=None, positions_of=None):
-    """A person of this tree, who walks on a curve and looks to the left of the way.
+    """Write a person with this tree who walks on a curve and looks to the left of travel.
 
     `above` is the name of a root at the floor; `positions_of` gives all joints position channels, times this.
     """
@@ -99,7 +99,7 @@ def write_bvh(path, tree, axes=Y_UP_FACING_Z, unit_m=0.01, head=None, walks=True
 
 
 def walk(walks=True):
-    """Times, headings and places, in the person's axes at rest: 1.2 m/s on a circle of 4 m, or standing."""
+    """Times, headings and positions in the person's rest axes: 1.2 m/s on a circle of 4 m, or standing."""
     times = np.arange(120) / RATE_HZ
     yaws = 0.3 * times if walks else 0.2 * np.sin(times)
     places = 4.0 * np.column_stack([np.sin(yaws), 1.0 - np.cos(yaws)]) if walks else np.zeros((times.size, 2))

@@ -1,4 +1,4 @@
-"""Small comparisons and sweeps, and what they have written."""
+"""Small comparisons and sweeps, and their output."""
 
 import csv
 
@@ -39,7 +39,7 @@ def runs(out, **changes):
 
 
 def rows_of(out, name="results.csv"):
-    """The rows of a table without computing times, which differ from run to run."""
+    """The rows of a table without computing times."""
     with (out / name).open(newline="") as file:
         return [{k: v for k, v in row.items() if k not in TIMING} for row in csv.DictReader(file)]
 

@@ -1,4 +1,4 @@
-"""Tracks with known errors: a person who stands or walks, seen with wander and white noise."""
+"""Tracks with known errors: a standing or walking person with wander and white noise."""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -26,7 +26,7 @@ def person_m(rng, times_s, walks=False):
 
 
 def seen_m(rng, true_m, times_s, along=(0.0, 0.0, 1.0), across_deg=(0.0, 0.0, 1.0)):
-    """The same with white error, wander and its time along (shares of the range) and across (degrees)."""
+    """Observed positions: white error, wander, time constant, along (shares of the range) and across (degrees)."""
     range_m = np.linalg.norm(true_m, axis=1)
     left, up = np.arctan2(true_m[:, 1], true_m[:, 0]), np.arcsin(true_m[:, 2] / range_m)
     range_m = range_m * (1.0 + _error(rng, times_s, along)[:, 0])
@@ -41,7 +41,7 @@ def _error(rng, times_s, sizes, axes=1):
 
 
 def track_of(times_s, position_m, head_yaw_rad=None, delays_s=None):
-    """A track as the readers make it."""
+    """A track as built by the readers."""
     unknown = np.full(times_s.size, np.nan)
     yaw_rad = unknown if head_yaw_rad is None else head_yaw_rad
     return HeadTrack("anna", times_s, position_m, yaw_rad, unknown, delays_s)

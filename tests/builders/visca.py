@@ -69,7 +69,7 @@ class BadNetwork:
 
 
 class SharedNeck(SimulatedNeck):
-    """One that several threads may use, in real time."""
+    """A thread-safe simulated neck in real time."""
 
     def __init__(self, neck: NeckSpec) -> None:
         self._lock = threading.RLock()
@@ -87,7 +87,7 @@ class SharedNeck(SimulatedNeck):
 
 @contextmanager
 def camera(neck: NeckSpec = QUICK) -> Iterator[tuple[ViscaServer, SharedNeck]]:
-    """A camera, and the neck that it turns."""
+    """A camera and its simulated neck."""
     plant = SharedNeck(neck)
     server = ViscaServer(plant, neck)
     try:
@@ -109,7 +109,7 @@ def connected(address: tuple[str, int], neck: NeckSpec = QUICK, **options: objec
 
 
 def feed(robot: ViscaCamera, speeds: tuple[float, float], until: Callable[[], bool]) -> None:
-    """Send speeds 50 times a second, as the loop does, until something is true."""
+    """Send speeds at 50 Hz, as the loop does, until a condition holds."""
 
     def send() -> None:
         robot.send_command(np.array(speeds))

@@ -1,15 +1,15 @@
-"""Waiting for what happens in another thread or process, on a busy machine later."""
+"""Waiting for conditions in another thread or process."""
 
 import time
 
 from gazempc.errors import RobotError
 
-# A hang: nothing here takes so long, also beside other programs on a slow machine.
+# Longer than every wait here on a slow, loaded machine: beyond it the program hangs.
 FOREVER_S = 240.0
 
 
 def wait_for(condition, timeout_s=60.0, step=lambda: time.sleep(0.005), why="waited in vain"):
-    """The value of a condition once it is true; `why` is the message of a failure, or returns it then."""
+    """The value of a condition once it is true; `why` is the failure message, or a function that returns it."""
     until = time.monotonic() + timeout_s
     while not (found := condition()):
         assert time.monotonic() < until, why() if callable(why) else why

@@ -1,4 +1,4 @@
-"""People who are seen walking, and models of `Walker` that need no fit."""
+"""Observations of walking people, and models of `Walker` without a fit."""
 
 from functools import cache
 
@@ -12,7 +12,7 @@ from predictors.walker.features import N_INPUTS
 from predictors.walker.memories import N_PLACES
 from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, Ensemble, RegimeMotion, WalkerModel
 
-# Layers of networks by which all people walk, and keep to the line.
+# Network layers with zero departure and the regime walking for all people.
 _WALKING = np.zeros((1, 1, N_OUTPUTS), dtype=np.float32)
 _WALKING[..., WALKS] = 100.0
 NOTHING = Ensemble((np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),), (_WALKING,))
@@ -21,7 +21,7 @@ AHEAD_S = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.4])
 
 @cache
 def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
-    """Weights at random: what holds of any weights can be tried with these."""
+    """Random weights, for properties that hold for any weights."""
     rng = np.random.default_rng(seed)
     sizes = ((N_INPUTS, 7), (7, 7), (7, N_OUTPUTS))
 
@@ -41,9 +41,9 @@ def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
 
 
 def straight_model(spread_m=0.1, degrees_of_freedom=5.0, stated_share=0.0):
-    """A model that says that people keep to the line, and errs alike at all horizons.
+    """A model with zero departure from the line and the same spread at all horizons.
 
-    By a scale of `spread_m`, and by a share of the observations' stated error.
+    The scale is `spread_m` plus a share of the observations' stated error.
     """
     log_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(spread_m)
@@ -56,17 +56,17 @@ def straight_model(spread_m=0.1, degrees_of_freedom=5.0, stated_share=0.0):
 
 
 def random_motion(rng, n):
-    """Lines and places of people, at random."""
+    """Random lines and positions of people."""
     return RegimeMotion(rng.standard_normal((n, 3)), 0.1 * rng.standard_normal((n, N_PLACES, 3)))
 
 
 def seen_of(name, sensor="reference", seed=0):
-    """What a sensor sees of a recording."""
+    """Observations of a recording by a sensor."""
     return [s.observation for s in observe(load(name), load_sensor(sensor), seed)]
 
 
 def moved(observation, angle_rad, shift_m, mirror=False):
-    """The same sighting by a robot that stands elsewhere; with `mirror`, of the mirrored person."""
+    """The same sighting by a robot at another pose; with `mirror`, of the mirrored person."""
     side = np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
     turn = Rotation.from_euler("z", angle_rad)
     change = turn.as_matrix() @ side
@@ -98,8 +98,8 @@ def forecasts(observations, ahead_s=AHEAD_S, walker=None):
 
 
 def random_covariance(rng, sds_m):
-    """A covariance whose axes point anywhere."""
-    # Four normal numbers make every direction as likely; SciPy's own random rotations differ from version to version.
+    """A covariance with random principal axes."""
+    # Four normal numbers give uniform rotations; SciPy's random rotations differ between versions.
     turn = Rotation.from_quat(rng.standard_normal(4)).as_matrix()
     covariance = turn @ np.diag(np.square(sds_m)) @ turn.T
     return 0.5 * (covariance + covariance.T)

@@ -1,4 +1,4 @@
-"""Lines of observations, a wire that gives prepared ones, and what came of them."""
+"""Lines of observations, a scripted wire, and a collector."""
 
 import json
 import socket
@@ -17,7 +17,7 @@ def numbers(sightings):
 
 
 class Collector:
-    """Polls a source until enough has come."""
+    """Polls a source until a condition holds."""
 
     def __init__(self, source):
         self.source, self.sightings, self.cues, self.problems, self.notices = source, [], [], [], []
@@ -36,7 +36,7 @@ class Collector:
 
 
 class Scripted:
-    """A wire that gives prepared chunks; None at the end, or OSError."""
+    """A wire that returns prepared chunks; at the end None or OSError."""
 
     name = "a wire"
 
@@ -59,7 +59,7 @@ class Scripted:
 
 
 class SteppedClock(RealClock):
-    """The real clock, set on by a test."""
+    """The real clock with a step set by a test."""
 
     ahead_s = 0.0
 

@@ -1,4 +1,4 @@
-"""Each example runs from anywhere and prints what stands at its end."""
+"""Each example runs from any folder and prints the output in its last comment."""
 
 import json
 import re
@@ -18,7 +18,7 @@ _MARK = "# It prints:\n"
 
 
 def promised(text):
-    """What an example says that it prints."""
+    """The output stated in the last comment of an example."""
     assert text.count(_MARK) == 1
     return "".join(f"{line[2:]}\n" for line in text.split(_MARK)[1].splitlines())
 
@@ -35,12 +35,12 @@ def suppress_exit_0():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", [*EXAMPLES, *ROBOTS], ids=lambda path: path.stem)
-def test_an_example_prints_what_it_says(path, tmp_path, monkeypatch, capsys, in_this_process):
-    """As a program from its folder, but in this process: the libraries are loaded once."""
+def test_the_output_of_an_example_is_that_in_its_last_comment(path, tmp_path, monkeypatch, capsys, in_this_process):
+    """Run as a program from its folder, but in this process, so that libraries are loaded once."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(path)])
     monkeypatch.syspath_prepend(path.parent)
-    monkeypatch.setitem(sys.modules, path.stem, None)  # gone again after the test, if the example imports itself
+    monkeypatch.setitem(sys.modules, path.stem, None)  # removed after the test, as an example may import itself
     del sys.modules[path.stem]
     with suppress_exit_0():
         runpy.run_path(str(path), run_name="__main__")
@@ -70,8 +70,8 @@ def test_the_readme_shows_the_numbers_that_each_robot_prints():
 
 
 @pytest.mark.slow
-def test_the_predictor_from_outside_enters_the_benchmark(tmp_path, monkeypatch, in_this_process):
-    """By the command of the page, on few people: as a module in the working directory; ten lines in its methods."""
+def test_a_user_defined_predictor_is_benchmarked(tmp_path, monkeypatch, in_this_process):
+    """By the command of the page on few people: a module in the working directory, ten lines in its methods."""
     monkeypatch.chdir(ROOT / "examples")
     monkeypatch.syspath_prepend(ROOT / "examples")
     words = ["--recordings", "subject03_R1", "subject03_stand", "--horizons", "0.5", "--jobs", "1"]
@@ -79,7 +79,7 @@ def test_the_predictor_from_outside_enters_the_benchmark(tmp_path, monkeypatch, 
     assert forecast([*words, *entries, "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["rows"]
     own = {row["group"]: row for row in rows if row["predictor"] == "fading_velocity" and row["kind"] == "all"}
-    # Between the two: it loses to the one where people walk, and gains on it where they stand.
+    # Between the two: worse than constant velocity on walks, worse than last position on standing people.
     assert own["straight"]["ratio_to_last_position"] < 1.0 < own["straight"]["ratio_to_constant_velocity"]
     assert own["standing"]["ratio_to_constant_velocity"] < 1.0 < own["standing"]["ratio_to_last_position"]
 

@@ -1,4 +1,4 @@
-"""The problem on the blackboard has the plan of the MPC."""
+"""The optimal control problem of the example has the plan of the MPC."""
 
 import runpy
 from pathlib import Path
@@ -13,7 +13,7 @@ from gazempc.neck.spec import load_neck
 
 BOARD = runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / "ocp.py"))
 NECK = load_neck("reference")
-# Far enough for the acquisition's bounds to be another matter.
+# The tracking program, without acquisition bounds.
 OCP = Mpc(NECK).ocps[0]
 
 
@@ -27,7 +27,7 @@ def compared(z0, reference):
     return plan.solver
 
 
-def test_the_numbers_on_the_board_are_those_of_the_neck():
+def test_the_example_has_the_parameters_of_the_neck():
     assert (BOARD["wn"], BOARD["zeta"]) == (NECK.pan.natural_frequency_rad_s, NECK.pan.damping_ratio)
     assert (BOARD["period_s"], BOARD["h"]) == (NECK.control_period_s, NECK.servo_period_s)
     assert BOARD["steps"] == OCP.model.lengths.astype(int).tolist()
@@ -37,7 +37,7 @@ def test_the_numbers_on_the_board_are_those_of_the_neck():
     ("z0", "to_rad", "solver"),
     [((0.0,) * 5, 0.02, "gain"), ((0.1, 0.4, 0.15, 0.5, -2.0), 0.5, "daqp")],
 )
-def test_the_plan_on_the_board_is_that_of_the_mpc(z0, to_rad, solver):
+def test_the_plan_of_the_example_equals_that_of_the_mpc(z0, to_rad, solver):
     steps = np.cumsum(BOARD["steps"])
     assert compared(np.array(z0), z0[0] + (to_rad - z0[0]) * steps / steps[-1]) == solver
 
@@ -45,6 +45,6 @@ def test_the_plan_on_the_board_is_that_of_the_mpc(z0, to_rad, solver):
 @pytest.mark.slow
 @settings(max_examples=3)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-1, 1), st.floats(-1, 1))
-def test_from_any_start_within_the_limits(unit, at, slope):
+def test_plans_are_equal_from_any_start_within_the_limits(unit, at, slope):
     z0 = 0.5 * np.array(unit) * [1.3, 2.4, 1.3, 2.4, 14.0]
     compared(z0, at + slope * np.cumsum(BOARD["steps"]) * 0.02)

@@ -1,4 +1,4 @@
-"""The least gaze error that limits leave, against the gazes that have to keep them."""
+"""The lower bound on gaze error under limits, against controllers that keep the limits."""
 
 import csv
 import json
@@ -27,23 +27,23 @@ def perfect(neck, recording, start_offset_deg=0.0):
     return log, float(log.time_s[moving[0]])
 
 
-def test_a_neck_that_can_keep_up_need_not_err():
+def test_without_active_limits_the_least_error_is_zero():
     log, first_observation_s = perfect("reference", "subject03_R1")
     assert least_error_deg(log, first_observation_s) < 0.02
 
 
-def test_where_limits_bind_perfect_foresight_is_little_above_the_least_error():
-    """The MPC with the true future is another program by another solver: near, and never below."""
+def test_with_active_limits_perfect_foresight_is_close_to_the_bound():
+    """The MPC with the true future, another program and solver, is close to the bound and never below it."""
     log, first_observation_s = perfect("slow", "subject03_R4", 60.0)
     error_deg, least_deg = measure(log).gaze_error_rms_deg, least_error_deg(log, first_observation_s)
     assert error_deg > 1.0
     assert 0.95 * error_deg < least_deg < error_deg
-    # Who is told later errs more.
+    # A later forecast increases the error.
     assert least_error_deg(log, first_observation_s + 0.2) > least_deg
 
 
 @pytest.mark.slow
-def test_command_prints_and_saves_all(tmp_path, capsys):
+def test_the_command_prints_and_saves_all_bounds(tmp_path, capsys):
     recordings = ["subject01_R1", "subject03_R5"]  # the first is too near
     status = main(["--recordings", *recordings, "--distance-m", "0.7", "--out", str(tmp_path)])
     printed = capsys.readouterr().out
@@ -59,7 +59,7 @@ def test_command_prints_and_saves_all(tmp_path, capsys):
         assert [row["recording"] for row in csv.DictReader(file)] == recordings
 
 
-def test_a_walk_too_near_is_left_out_and_named(tmp_path, capsys):
+def test_a_walk_too_near_is_excluded_and_named(tmp_path, capsys):
     assert main(["--recordings", "subject03_R5", "--distance-m", "0.3", "--out", str(tmp_path)]) == 0
     assert "left out subject03_R5" in capsys.readouterr().out
 

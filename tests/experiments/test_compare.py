@@ -1,4 +1,4 @@
-"""The comparison over many recordings: right means, resumable, and no crash on a bad recording."""
+"""The comparison over many recordings: means, resumption, and bad recordings as rows."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory, in_this_process):
-    """One person who walks, one who starts and one who stands; gazes begin aside; the model has seen one of them."""
+    """A walking, a starting and a standing person; start offsets; the model was fitted on one of them."""
     folder = tmp_path_factory.mktemp("compared")
     model = dataclasses.replace(shipped_walker_model(), about={"people": ["subject01"]})
     save_walker_model(model, folder / "walker.npz")
@@ -32,7 +32,7 @@ def compared(tmp_path_factory, in_this_process):
 
 
 @pytest.mark.slow
-def test_the_report_has_the_numbers_of_the_summary(compared):
+def test_the_report_has_the_values_of_the_summary(compared):
     out, summary, _ = compared
     report = BeautifulSoup((out / "report.html").read_text(encoding="utf-8"), "html.parser")
     columns = [cell.text for cell in report.table.thead.find_all("th")]
@@ -55,7 +55,7 @@ def test_the_report_has_the_numbers_of_the_summary(compared):
 
 
 @pytest.mark.slow
-def test_gazes_that_start_aside_are_compared_by_contact_and_overshoot(compared):
+def test_start_offsets_are_compared_by_contact_time_and_overshoot(compared):
     out, summary, text = compared
     later_s = {r["controller"]: float(r["time_to_stable_contact_s"]) for r in rows_of(out) if r["kind"] == "standing"}
     (row,) = (d for d in summary["mpc_minus_lookahead_stable_contact_s"] if d["kind"] == "standing")
@@ -65,7 +65,7 @@ def test_gazes_that_start_aside_are_compared_by_contact_and_overshoot(compared):
 
 
 @pytest.mark.slow
-def test_people_who_stand_and_start_have_metrics_of_their_own_and_people_of_the_fit_are_named(compared):
+def test_standing_and_starting_have_own_metrics_and_fitted_people_are_named(compared):
     out, summary, text = compared
     walks, starts, stands = (row for row in rows_of(out) if row["controller"] == "mpc")
     assert [row["group"] for row in (walks, starts, stands)] == ["straight", "straight", "standing"]
@@ -81,7 +81,7 @@ def test_people_who_stand_and_start_have_metrics_of_their_own_and_people_of_the_
     assert "fitted on 1 person" in text
 
 
-def test_a_bad_recording_is_a_row_and_one_too_near_is_left_out_and_counted(tmp_path):
+def test_a_bad_recording_is_a_row_and_one_too_near_is_counted(tmp_path):
     (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
     words = ["--recordings", str(tmp_path / "bad.csv"), "subject01_R1", "--controllers", "reactive", "lookahead"]
     words += ["--placement", "side", "--distance-m", "0.5", "--jobs", "1", "--no-figures"]
@@ -93,14 +93,14 @@ def test_a_bad_recording_is_a_row_and_one_too_near_is_left_out_and_counted(tmp_p
     assert (summary["n_left_out"], summary["rows"]) == (1, [])
 
 
-def test_default_predictor_and_one_perfect_run_for_all():
+def test_the_perfect_forecast_is_run_once_for_all_predictors():
     labels = [row for row, _ in runs(Path("x"), predictors=("default", "walker", "head_pose"))]
     assert sum(row["controller"] == "mpc+perfect" for row in labels) == 3
     assert {row["predictor"] for row in labels if row["controller"] == "reactive"} == {"walker", "head_pose"}
 
 
-def test_another_fitted_model_is_another_run(tmp_path):
-    """A fit into the same folder changes the key, so that old results are not taken for new ones."""
+def test_another_fitted_model_changes_the_key(tmp_path):
+    """A fit into the same folder changes the key, so that old results are not reused."""
     path = tmp_path / "left_out" / "ann.npz"
     path.parent.mkdir()
     save_walker_model(shipped_walker_model(), tmp_path / "walker.npz")

@@ -1,4 +1,4 @@
-"""Parts of the user's own in a comparison, and what they may do wrong."""
+"""User-defined parts in a comparison, and their faults."""
 
 import json
 
@@ -13,7 +13,7 @@ from experiments.engine.job import parts_hash
 
 
 @pytest.mark.slow
-def test_a_worker_process_finds_parts_of_ones_own_and_their_options(tmp_path, monkeypatch):
+def test_a_worker_process_imports_user_defined_parts_with_options(tmp_path, monkeypatch):
     """At a share of 1 `Sluggish` is look-ahead, and `Steady` is `constant_velocity` under another name."""
     own = own_module(tmp_path, monkeypatch)
     words = ["--recordings", "subject01_R4", "--controllers", f"{own}:Sluggish", "lookahead", "--jobs", "1"]
@@ -27,7 +27,7 @@ def test_a_worker_process_finds_parts_of_ones_own_and_their_options(tmp_path, mo
     assert "| sluggish | steady |" in (tmp_path / "out" / "summary.md").read_text()
 
 
-def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
+def test_the_key_includes_the_source_of_a_user_defined_part(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     changed = own_module(tmp_path, monkeypatch, "changed_parts", more="# changed")
     assert own != changed
@@ -37,7 +37,7 @@ def test_the_source_of_a_part_of_ones_own_is_in_the_key(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, capsys):
+def test_handled_exceptions_are_reported_and_saved(tmp_path, monkeypatch, capsys):
     own = own_module(tmp_path, monkeypatch)
     words = ["--recordings", "subject01_R4", "--controllers", "reactive", "--predictors", f"{own}:Failing"]
     assert main([*words, "--jobs", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 0
@@ -51,7 +51,7 @@ def test_exceptions_that_runs_survived_are_said_and_kept(tmp_path, monkeypatch, 
     assert "faults" not in rows_of(tmp_path / "out")[0]
 
 
-def test_two_parts_of_one_name_are_told_apart():
+def test_two_parts_with_one_name_are_distinguished():
     rows = [
         {"controller": choice, "controller_name": name}
         for choice, name in (("mpc", "mpc"), ("a:Mine", "Mine"), ("b:Mine", "Mine"), ("c:Yours", "Yours"))

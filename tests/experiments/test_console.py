@@ -10,11 +10,11 @@ from experiments.console import COMMANDS, main
 
 
 @pytest.mark.parametrize("words", [["--help"], ["-h"], []])
-def test_it_lists_its_commands(words, capsys):
+def test_the_command_lists_its_subcommands(words, capsys):
     assert main(words) == (0 if words else 2)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for name, (_, what) in COMMANDS.items():
-        assert f"  {name:<9} {what}" in said
+        assert f"  {name:<9} {what}" in output
 
 
 def test_a_misspelt_command_is_named(capsys):
@@ -23,7 +23,7 @@ def test_a_misspelt_command_is_named(capsys):
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
-def test_every_command_is_there_and_explains_itself(name, capsys):
+def test_every_command_has_help(name, capsys):
     assert callable(importlib.import_module(COMMANDS[name][0]).main)
     with pytest.raises(SystemExit) as ended:
         main([name, "--help"])
@@ -50,7 +50,7 @@ ONE = "--recordings subject01_R4"
         ("rivals --walker.fitted no_folder", "no_folder"),
     ],
 )
-def test_bad_input_is_refused_before_anything_runs(words, named, tmp_path, monkeypatch, capsys):
+def test_bad_input_is_refused_before_any_run(words, named, tmp_path, monkeypatch, capsys):
     own_module(tmp_path, monkeypatch)
     assert main([*words.split(), "--out", "out"]) == 2
     assert named in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Means, intervals, differences and fronts over clips and people, by hand."""
+"""Means, intervals, differences and Pareto fronts over clips and people, by hand."""
 
 import csv
 import json
@@ -10,7 +10,7 @@ from experiments import fronts
 from experiments.aggregate import add_gap_closed, bootstrap_mean, paired_differences, summarise
 
 
-def test_a_front_leaves_out_what_is_beaten():
+def test_a_front_excludes_dominated_points():
     points = [(2.0, 1.0), (1.0, 2.0), (1.5, 3.0), (3.0, 1.5), (2.5, 0.5)]
     assert fronts.front(points, 1.0) == [(1.0, 2.0), (2.0, 1.0), (2.5, 0.5)]
     assert fronts.front(points, -1.0) == [(1.0, 2.0), (1.5, 3.0)]
@@ -25,7 +25,7 @@ def write_table(path, rows):
 
 
 def test_margins_by_hand(tmp_path, capsys):
-    """At 1.0 the rival errs 2.0 and the MPC, between its points, 1.8; at 2.0 the MPC is 10 % worse."""
+    """At 1.0 the errors are 2.0 (rival) and 1.8 (MPC, interpolated); at 2.0 the MPC is 10 % worse."""
     write_table(
         tmp_path,
         [
@@ -47,8 +47,8 @@ def test_margins_by_hand(tmp_path, capsys):
     assert "+10.0" in capsys.readouterr().out
 
 
-def test_intervals_are_over_people_and_clips_that_one_lacks_are_left_out(tmp_path):
-    """With ann the MPC errs 20 % less, with bob as much; a third clip has only look-ahead's run."""
+def test_intervals_are_over_people_and_use_paired_clips_only(tmp_path):
+    """The MPC's error is 20 % smaller for ann, equal for bob; a third clip has only look-ahead's run."""
     rows = []
     for case, errors in (("lookahead", (1.0, 1.0, 9.0)), ("mpc", (0.8, 1.0))):
         for clip, person, error in zip("abc", ("ann", "bob", "cyd"), errors, strict=False):
@@ -62,27 +62,27 @@ def test_intervals_are_over_people_and_clips_that_one_lacks_are_left_out(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("rows", "said"),
+    ("rows", "message"),
     [
         ([("mpc", 0, "a", "ann", "sharp", "slow", 1.0, "x", 0.5)], "row 2: could not convert"),
         ([("mpc", 0, "a", "ann", "sharp", "slow", 1.0, 1.0, 0.5)], "no case 'lookahead'; there are mpc"),
         ([], "is empty"),
     ],
 )
-def test_a_table_that_cannot_be_compared_is_refused(tmp_path, capsys, rows, said):
+def test_a_table_without_comparable_rows_is_refused(tmp_path, capsys, rows, message):
     write_table(tmp_path, rows)
     assert fronts.main([str(tmp_path)]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_the_interval_has_its_coverage():
+def test_the_interval_has_nominal_coverage():
     """20 people with one clip each, unit spread: the interval's half width is near 1.96 / sqrt(20)."""
     values = np.random.default_rng(1).standard_normal(20)
     _, low, high = bootstrap_mean(values, [str(i) for i in range(20)])
     assert (high - low) / 2 == pytest.approx(1.96 * values.std() / np.sqrt(20), rel=0.1)
 
 
-def test_one_person_has_no_interval_and_nan_does_not_count():
+def test_one_person_has_no_interval_and_nan_is_ignored():
     mean, low, high = bootstrap_mean([1.0, np.nan, 3.0], ["a", "a", "a"])
     assert mean == 2.0
     assert np.isnan(low)
@@ -121,7 +121,7 @@ def test_gap_closed_summary_and_differences_by_hand():
     assert (differences[0]["n_clips"], differences[0]["n_less"], differences[0]["n_more"]) == (2, 1, 1)
 
 
-def test_sensors_and_kinds_have_rows_of_their_own_by_hand():
+def test_rows_by_sensor_and_by_kind_by_hand():
     """Rows by kind are of all groups and the other way round; a clip without a kind counts in `all` only."""
     figures = {("near", "a"): 1.0, ("near", "b"): 2.0, ("near", "c"): 6.0, ("far", "a"): 10.0, ("far", "b"): 30.0}
     kinds = {"a": "waiting", "b": "moving", "c": None}

@@ -1,4 +1,4 @@
-"""Fixtures of parts of a user's own."""
+"""Fixtures of user-defined parts."""
 
 import pytest
 from builders.own_modules import write_own_parts
@@ -6,7 +6,7 @@ from builders.own_modules import write_own_parts
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
-    """The name of a module with such parts, in the working directory."""
+    """Name of a module with user-defined parts in the working directory."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("own")
         patch.chdir(folder)

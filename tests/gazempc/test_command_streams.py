@@ -1,4 +1,4 @@
-"""Commands: streams, signals, full disks, and files that are written whole or not at all."""
+"""Commands: streams, signals, full disks, and atomic writes."""
 
 import json
 import os
@@ -24,7 +24,7 @@ HANG_S = 240
 
 
 def start(words, shell_end=""):
-    """A command as a shell starts it; text of both streams is for reading."""
+    """Start a command as a shell does; both output streams are text pipes."""
     command = f'exec "{sys.executable}" -m {" ".join(words)} {shell_end}'
     return subprocess.Popen(
         ["/bin/sh", "-c", command],
@@ -46,7 +46,7 @@ def ended(process):
 
 
 @pytest.mark.slow
-def test_closed_standard_input_is_a_source_that_has_ended(tmp_path):
+def test_closed_standard_input_ends_the_source(tmp_path):
     status, out, _ = ended(start([*LIVE, "stdin", "--log", "npz", "--out", str(tmp_path)], "<&-"))
     assert status == 0
     assert "end of the source" in out
@@ -54,7 +54,7 @@ def test_closed_standard_input_is_a_source_that_has_ended(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-def test_output_to_a_full_disk_is_a_message():
+def test_output_to_a_full_disk_gives_a_message():
     status, _, error = ended(start(["gazempc.run", "--list"], ">/dev/full"))
     assert status == 2
     assert "[Errno 28]" in error
@@ -63,7 +63,7 @@ def test_output_to_a_full_disk_is_a_message():
 @pytest.mark.slow
 def test_a_signal_ends_a_run_with_its_results_so_far(tmp_path):
     process = start([*RUN, "--noise-seeds", "1000", "--no-figures", "--out", str(tmp_path)])
-    for line in process.stderr:  # a later seed is under way, not all are told: the first is complete
+    for line in process.stderr:  # a later seed is running: the first is complete
         if re.search(r"noise seed [1-9]", line):
             break
     process.send_signal(signal.SIGTERM)
@@ -81,7 +81,7 @@ def test_a_signal_ends_a_run_with_its_results_so_far(tmp_path):
     [("experiments.console", "gazempc run"), ("experiments.compare", "compare")],
 )
 def test_a_signal_during_the_imports_is_one_line(module, name):
-    """The first heavy module that the command imports is the signal's moment."""
+    """The signal arrives at the import of the first heavy module."""
     code = (
         "import os, runpy, signal, sys\n"
         "class Finder:\n"
@@ -103,7 +103,7 @@ def test_a_signal_during_the_imports_is_one_line(module, name):
 MOST_BYTES = 20_000
 
 
-def test_whatever_interrupts_leaves_the_old_one(tmp_path):
+def test_an_interrupted_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "summary.json"
     path.write_text("old")
     with pytest.raises(KeyboardInterrupt), whole(path) as part:
@@ -113,7 +113,7 @@ def test_whatever_interrupts_leaves_the_old_one(tmp_path):
     assert os.listdir(tmp_path) == ["summary.json"]
 
 
-def test_an_earlier_run_is_taken_away_and_nothing_else(tmp_path):
+def test_only_files_of_an_earlier_run_are_removed(tmp_path):
     mine = ["notes.txt", "data.npz", "walk.csv", "log_of_mine.npz", "angles.pdf", "walk_compute.csv"]
     old = ["summary.json", "settings.yaml", "report.html", "log_000.npz", "log_001.mcap", "compute_000.npz", "gaze.gif"]
     old += ["mpc.npz", "mpc_compute.npz", "mpc.mcap", "overview.png", "summary.json.4711.part"]
@@ -133,7 +133,7 @@ def test_an_earlier_run_is_taken_away_and_nothing_else(tmp_path):
         "live --source replay --robot simulated --duration-s 2.5 --log-s 1",
     ],
 )
-def test_a_full_disk_is_said_with_the_path_and_leaves_no_half_file(words, tmp_path, capsys):
+def test_a_full_disk_is_reported_with_the_path_and_leaves_no_partial_file(words, tmp_path, capsys):
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (MOST_BYTES, before[1]))
     try:
@@ -161,7 +161,7 @@ def test_a_full_disk_is_said_with_the_path_and_leaves_no_half_file(words, tmp_pa
         (RecursionError(), 3),
     ],
 )
-def test_one_says_that_a_limit_was_left_and_only_that(error, status, capsys):
+def test_status_1_means_a_limit_violation_only(error, status, capsys):
     def work():
         raise error
 

@@ -1,4 +1,4 @@
-"""Damaged files of every kind: each is read, or refused by name within bounds. Nothing else happens."""
+"""Damaged files of every kind: each is read, or refused by name within bounds of time and text."""
 
 import io
 import json
@@ -34,12 +34,12 @@ from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 
 INPUTS = 300
-# A refusal is to come within 2 s; nothing here is so large that it takes a tenth of it.
+# A refusal takes at most 2 s; files here are too small for a tenth of it.
 MOST_S = 2.0
 MOST_CHARACTERS = 3000
 # Kinds that take ten times as long as the others to read.
 COSTLY = ("echo", "openpose", "sqlite3", "mcap", "metadata", "sweep")
-# What files are damaged with: numbers, marks and bytes on which programs trip.
+# Tokens of the damage: numbers, marks and bytes that often break parsers.
 _TOKENS = (
     b"nan", b"inf", b"-inf", b"1e6", b"1e300", b"-1", b"0", b"", b"null", b"true", b"9" * 5000, b"0x" + b"f" * 5000,
     b"1e999999999", b"[" * 3000, b"{" * 3000, b"\x00", b"\xff\xfe", b'"', b"'", b"\\ud800", b"\xed\xa0\x80", b"&a",
@@ -60,7 +60,7 @@ def damaged(data, rng):
 
 
 def _array(data, rng):
-    """Another kind, shape or value of an array of a sound archive, whose check sums then hold."""
+    """Change type, shape or value of an array in a valid archive, with correct checksums."""
     with np.load(io.BytesIO(data)) as archive:
         arrays = dict(archive)
     name = rng.choice(sorted(arrays))
@@ -99,7 +99,7 @@ def _number(data, rng):
 
 
 def _digit(data, rng):
-    """One digit of a number is another one: what is left is mostly sound."""
+    """Change one digit of a number; the rest stays valid."""
     found = [at for at in range(0, len(data), max(1, len(data) // 2000)) if data[at : at + 1].isdigit()]
     if not found:
         return _flip(data, rng)
@@ -127,7 +127,7 @@ def shipped(folder, name):
 
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
-    """For each kind the file that is to be damaged, and a call that reads it."""
+    """For each kind, the file to damage and a call that reads it."""
     folder, made = tmp_path_factory.mktemp("sound"), {}
 
     def sub(name):
@@ -236,13 +236,13 @@ def test_damaged_files_are_read_or_refused_by_name(sound):
 
 
 def replace(path, content):
-    """A new file of the same name: some file systems wait for the disk where an old one is written over."""
+    """Replace a file by a new one of the same name: overwriting blocks on some file systems."""
     path.unlink()
     path.write_bytes(content)
 
 
 def outcome(read, folder):
-    """What becomes of a file; a refusal names it in a few lines, and what is accepted can be."""
+    """Outcome of reading a file; a refusal names it in a few lines, accepted values are plausible."""
     try:
         result = read()
     except GazempcError as error:

@@ -1,4 +1,4 @@
-"""The front door: `import gazempc as gz` is fast, offers what it says, and replays with names and objects."""
+"""The public package: `import gazempc as gz` is fast, has all its names, and replays by names and objects."""
 
 import json
 import subprocess
@@ -15,34 +15,34 @@ HEAVY = {"numpy", "scipy", "casadi", "pydantic", "matplotlib", "filterpy", "ruck
 
 def loaded_by(code):
     """Which heavy packages a process has loaded after some code."""
-    said = f"{code}; import sys, json; print(json.dumps(sorted(m for m in sys.modules if '.' not in m)))"
-    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    program = f"{code}; import sys, json; print(json.dumps(sorted(m for m in sys.modules if '.' not in m)))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stderr == ""
     return HEAVY & set(json.loads(done.stdout))
 
 
-def test_importing_the_package_imports_nothing_heavy():
+def test_importing_the_package_loads_no_heavy_library():
     assert loaded_by("import gazempc; dir(gazempc); gazempc.__all__") == set()
-    # The test sees it where something is used.
+    # Names are loaded on use.
     assert "numpy" in loaded_by("import gazempc; gazempc.JointState")
 
 
 @pytest.mark.parametrize("name", gz.__all__)
-def test_every_name_is_there_once_it_is_used(name):
+def test_every_public_name_is_loaded_on_first_use(name):
     value = getattr(gz, name)
     assert value.__doc__
     assert value is getattr(gz, name)
-    # The name is that of the thing, but for functions that say what they load.
+    # Public and defining names are equal, but for loading functions.
     assert value.__name__ in (name, name.removesuffix("_recording"))
 
 
-def test_a_name_that_does_not_exist_is_refused_with_those_that_do():
+def test_an_unknown_name_is_refused_with_the_valid_ones():
     with pytest.raises(AttributeError, match=r"'gazempc' has no attribute 'Gase'; it offers .*Gaze"):
         _ = gz.Gase
     assert not hasattr(gz, "__wrapped__")
 
 
-def test_a_replay_by_names_is_the_replay_by_objects():
+def test_a_replay_by_names_equals_one_by_objects():
     named = gz.replay("subject03_R1", controller="reactive", predictor="constant_velocity", neck="reachy_mini")
     neck = gz.load_neck("reachy_mini")
     objects = gz.replay(
@@ -70,7 +70,7 @@ def test_a_replay_by_names_is_the_replay_by_objects():
         ({"controller": gz.Reactive(gz.load_neck("slow"))}, ["controller reactive", "'slow'", "'reference'"]),
     ],
 )
-def test_wrong_arguments_are_named(arguments, named):
+def test_invalid_arguments_are_reported(arguments, named):
     with pytest.raises(SettingsError) as raised:
         gz.replay("subject03_R1", **arguments)
     for word in named:

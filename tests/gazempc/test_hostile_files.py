@@ -1,4 +1,4 @@
-"""Files made to hang or to fill the memory: each is refused by name, at once, and nothing in them is done."""
+"""Files made to hang or to exhaust memory: refused by name at once, and never executed."""
 
 import io
 import os
@@ -40,20 +40,20 @@ READERS = {
 
 
 def refused(read, path):
-    """What is said of a file that is refused at once and with little memory."""
+    """Message of a refusal, which is fast and uses little memory."""
     before_mb, started_s = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, time.process_time()
     with pytest.raises(GazempcError) as caught:
         read(path)
     assert time.process_time() - started_s < MOST_S
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before_mb < MOST_MB
-    said = str(caught.value)
-    assert str(path) in said
-    assert len(said) < MOST_CHARACTERS
-    return said
+    message = str(caught.value)
+    assert str(path) in message
+    assert len(message) < MOST_CHARACTERS
+    return message
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_pipes_and_devices_are_not_waited_for(name, tmp_path):
+def test_pipes_and_devices_do_not_block(name, tmp_path):
     pipe, device = tmp_path / name, tmp_path / "linked" / name
     os.mkfifo(pipe)
     assert "a pipe" in refused(READERS[name], pipe)
@@ -97,17 +97,17 @@ TEXTS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "text", "said"), TEXTS, ids=range(len(TEXTS)))
-def test_texts_are_bounded_and_never_executed(name, text, said, tmp_path, monkeypatch):
-    """What they nest, repeat or name would take hours, all memory, or run a command."""
+@pytest.mark.parametrize(("name", "text", "message"), TEXTS, ids=range(len(TEXTS)))
+def test_texts_are_bounded_and_never_executed(name, text, message, tmp_path, monkeypatch):
+    """Nesting, repetition or tags that would take hours, all memory, or run a command."""
     monkeypatch.chdir(tmp_path)
     path = tmp_path / name
     path.write_text(text)
-    assert said in refused(READERS[name], path)
+    assert message in refused(READERS[name], path)
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
-def test_a_database_that_computes_is_no_bag(tmp_path):
+def test_a_database_with_a_view_as_table_is_refused(tmp_path):
     bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
     file = next(bag.glob("*.db3"))
     with closing(sqlite3.connect(file)) as database, database:
@@ -140,18 +140,18 @@ def npz(members):
 
 
 @pytest.mark.parametrize(
-    ("member", "said"),
+    ("member", "message"),
     [
         (((10**12,), "<f8", b""), "its shape"),
         (((1,), "|O", b"\x80\x04."), "accepted: numbers and text"),
         (((3,), "<f8", bytes(8)), "its shape"),
     ],
 )
-def test_arrays_are_what_they_say(member, said, tmp_path):
+def test_array_headers_must_match_their_data(member, message, tmp_path):
     path = tmp_path / "log.npz"
     path.write_bytes(npz({"time_s": member}))
-    assert said in refused(load_log, path)
-    assert said in refused(load_record, path)
+    assert message in refused(load_log, path)
+    assert message in refused(load_record, path)
 
 
 @pytest.mark.parametrize("word", ["x" * 5000, "a\0b"])
@@ -167,22 +167,22 @@ WALK_M = np.column_stack([1.1 * TIMES_S, 0.0 * TIMES_S, 1.6 + 0.0 * TIMES_S])
 
 
 @pytest.mark.parametrize(
-    ("times_s", "head_m", "said"),
+    ("times_s", "head_m", "message"),
     [
         (np.append(TIMES_S[:-1], 1e6), WALK_M, "a gap of 1e+06 s"),
         (np.arange(7400) / 2.0, np.tile(WALK_M[:1], (7400, 1)), "lasts 1.028 h"),
         (TIMES_S, np.vstack([WALK_M[:-1], [[5000.0, 0.0, 1.6]]]), "is 4998 m from the middle"),
     ],
 )
-def test_what_cannot_be_a_walk_is_refused_with_the_reason(times_s, head_m, said, tmp_path):
+def test_an_impossible_walk_is_refused_with_the_reason(times_s, head_m, message, tmp_path):
     path = tmp_path / "walk.csv"
     rows = np.column_stack([times_s, head_m])
     np.savetxt(path, rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
-    assert said in refused(load, path)
+    assert message in refused(load, path)
 
 
 @pytest.mark.parametrize("compression", ["none", "zstd"])
-def test_a_bag_that_unpacks_to_gigabytes_is_refused(compression, tmp_path):
+def test_a_compression_bomb_in_a_bag_is_refused(compression, tmp_path):
     bag = bags.write_bag(tmp_path / "bag", bags.face_rows("face_a", np.arange(20) / 10.0, (0.0, 0.0, 2.0)))
     if compression == "zstd":
         with zstd.open(bag / "more.db3.zstd", "wb") as file:
@@ -197,8 +197,8 @@ def test_a_bag_that_unpacks_to_gigabytes_is_refused(compression, tmp_path):
 @pytest.mark.parametrize(
     "table", ["jumps]\nsize_max_m = 0.1\nmean_interval_s", "loss]\nmean_interval_s", "other_person]\nevery_s"]
 )
-def test_a_sensor_whose_errors_come_faster_than_any_frame_is_refused(table, tmp_path):
-    """Each bout is drawn: one every 3.5 ns took minutes for a walk of 5 s."""
+def test_a_sensor_with_error_rates_above_any_frame_rate_is_refused(table, tmp_path):
+    """Each error burst is sampled: one every 3.5 ns took minutes for a walk of 5 s."""
     path = tmp_path / "sensor.toml"
     path.write_text(f'name = "s"\nsource = "s"\nrate_hz = 30.0\nlatency_s = 0.1\n[{table} = 3.5e-9\n')
     assert "0.001" in refused(load_sensor, path)

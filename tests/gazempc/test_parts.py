@@ -1,4 +1,4 @@
-"""Parts by name or module:Class, and options of parts of one's own."""
+"""Parts by name or module:Class, and options of user-defined parts."""
 
 import sys
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from gazempc.sim.simulated import SimulatedNeck
 KINDS = (PREDICTOR, CONTROLLER, ROBOT, SOURCE)
 
 
-def test_a_part_of_one_s_own_is_told_from_everything_else():
+def test_names_of_the_form_module_class_are_recognised():
     own = {"my_parts:Mine", "a.b.c:D.e"}
     assert {each for each in (*own, "mpc", "udp:5005", ":Mine", "my-parts:Mine", "") if is_own(each)} == own
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_every_shipped_part_is_there_and_has_all_methods(kind):
+def test_every_shipped_part_implements_its_interface(kind):
     for name, place in kind.shipped.items():
         factory = find(kind, name)
         assert place.endswith(f":{factory.__qualname__}")
@@ -31,7 +31,7 @@ def test_every_shipped_part_is_there_and_has_all_methods(kind):
         assert check_choice(kind, name) == name
 
 
-def test_modules_of_the_working_directory_are_found(tmp_path, monkeypatch):
+def test_modules_of_the_working_directory_are_importable(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
     monkeypatch.chdir(tmp_path)
     assert find(PREDICTOR, f"{write_own_parts(tmp_path)}:Standing").__name__ == "Standing"
@@ -47,7 +47,7 @@ def test_modules_of_the_working_directory_are_found(tmp_path, monkeypatch):
         ("", "nowhere:Part", ["there is no module 'nowhere'", "working directory"]),
     ],
 )
-def test_why_a_part_cannot_be_found_is_said(text, choice, named, tmp_path, monkeypatch):
+def test_an_unknown_part_is_reported_with_the_reason(text, choice, named, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "mine", raising=False)
@@ -60,7 +60,7 @@ def test_why_a_part_cannot_be_found_is_said(text, choice, named, tmp_path, monke
 
 
 class Robot:
-    """Has all that a robot needs."""
+    """A complete robot."""
 
     def connect(self): ...
     def read_state(self): ...
@@ -68,7 +68,7 @@ class Robot:
     def close(self): ...
 
 
-def test_a_method_that_is_missing_or_no_method_is_named_with_what_it_does():
+def test_a_missing_method_is_named_with_its_purpose():
     check_members(ROBOT, Robot())
     lacking = Robot()
     lacking.read_state = None
@@ -77,7 +77,7 @@ def test_a_method_that_is_missing_or_no_method_is_named_with_what_it_does():
     assert str(raised.value) == f"robot Robot lacks the method {ROBOT.members['read_state']}"
 
 
-def test_what_a_part_is_called():
+def test_the_display_name_of_a_part():
     named = Robot()
     named.name = "my head"
     assert name_of(ROBOT, Robot()) == "Robot"
@@ -85,7 +85,7 @@ def test_what_a_part_is_called():
     named.name = 3
     assert name_of(ROBOT, named) == "Robot"
     assert name_of(ROBOT, SimulatedNeck.__new__(SimulatedNeck)) == "simulated"
-    # A shipped name is the shipped part's alone.
+    # Names of shipped parts are reserved.
     named.name = "simulated"
     assert name_of(ROBOT, named) == f"{__name__}.simulated"
 
@@ -103,7 +103,7 @@ THING = Kind("thing", {}, {})
         (["--options.a", "1", "--options.a", "2"], [], {"a": "2"}),
     ],
 )
-def test_options_are_taken_out_of_a_command_line(words, rest, options):
+def test_part_options_are_removed_from_the_command_line(words, rest, options):
     assert take_options(words, ["dynamixel"]) == (rest, options)
 
 
@@ -130,7 +130,7 @@ def made(name="Thing", given=None, **options):
     return make(THING, f"{__name__}:{name}", given or {}, options)
 
 
-def test_values_are_read_in_the_types_of_the_parameters():
+def test_values_have_the_types_of_the_parameters():
     texts = {"count": "3", "gain": "0.25", "on": "true", "path": "a/b", "mode": "slow"}
     found = made(**texts, angles="[1, 2.5]", table="{a: 1}")
     assert repr(found) == repr(Thing(3, 0.25, True, Path("a/b"), "slow", (1.0, 2.5), {"a": 1}))
@@ -149,12 +149,12 @@ def test_without_an_annotation_text_is_read_as_yaml():
     assert made("Plain", gains="[1, 2]", label="a b").gains == [1, 2]
 
 
-def test_what_is_given_goes_to_who_asks_and_an_option_wins():
+def test_arguments_are_passed_by_parameter_name_and_options_override():
     assert made(given={"neck": "long", "clock": 3}).neck == "long"
     assert made(given={"neck": "long"}, neck="short").neck == "short"
 
 
-def test_an_option_goes_to_every_part_that_takes_it_or_to_one_kind(own):
+def test_an_option_applies_to_all_accepting_parts_or_one_kind(own):
     options = {"gain": 1, "controller.gain": 2, "predictor.noise_m": 3, "zero_deg": 4}
     assert options_for(CONTROLLER, f"{own}:Eager", options) == {"gain": 2}
     assert options_for(PREDICTOR, f"{own}:Standing", options) == {"noise_m": 3}
@@ -162,7 +162,7 @@ def test_an_option_goes_to_every_part_that_takes_it_or_to_one_kind(own):
     assert options_for(ROBOT, "simulated", options) == {}
 
 
-def test_an_option_that_nobody_takes_is_refused_with_what_is_accepted(own):
+def test_an_unused_option_is_refused_with_the_accepted_ones(own):
     chosen = [(CONTROLLER, f"{own}:Eager"), (PREDICTOR, "walker")]
     check_options(chosen, {"gain": 1, "controller.gain": 2})
     with pytest.raises(SettingsError) as raised:

@@ -1,4 +1,4 @@
-"""The command line as a user calls it."""
+"""The replay command line."""
 
 import io
 import json
@@ -18,7 +18,7 @@ from gazempc.run_settings import load_settings
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """A walk of 1.3 s, about the shortest that is scored, across the robot's view."""
+    """A walk of 1.3 s, about the minimum that is scored, across the robot's view."""
     path, times_s = tmp_path_factory.mktemp("walks") / "walk.csv", np.arange(40) / 30.0
     columns = [times_s, np.full(40, 2.0), 1.2 * times_s - 1.0, np.full(40, 0.3)]
     np.savetxt(path, np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
@@ -27,15 +27,15 @@ def walk(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def main_job(walk, tmp_path_factory):
-    """All outputs, under as many seeds on a busy machine as on another."""
-    out, said = tmp_path_factory.mktemp("main_job"), io.StringIO()
+    """All outputs; the number of seeds is independent of machine load."""
+    out, output = tmp_path_factory.mktemp("main_job"), io.StringIO()
     words = ["--replay", str(walk), "--placement", "recorded", "--noise-seeds", "2", "--out", str(out)]
-    with redirect_stdout(said):
+    with redirect_stdout(output):
         assert main(words) == 0
-    return out, said.getvalue()
+    return out, output.getvalue()
 
 
-def test_the_main_job_writes_all_it_promises(main_job):
+def test_a_run_writes_all_documented_files(main_job):
     out, _ = main_job
     names = {path.name for path in out.iterdir()}
     assert {"summary.json", "settings.yaml", "overview.png", "angles.png"} <= names
@@ -47,23 +47,23 @@ def test_the_main_job_writes_all_it_promises(main_job):
     assert [row["controller"] for row in summary["rows"]] == list(LABELS)
 
 
-def said_to_be_written(said):
-    (line,) = (line for line in said.splitlines() if line.startswith("Written to "))
+def announced_files(output):
+    (line,) = (line for line in output.splitlines() if line.startswith("Written to "))
     return line.partition("/: ")[2].split(", ")
 
 
-def test_what_is_said_to_be_written_is_written_and_nothing_else(main_job, tmp_path, capsys):
-    out, said = main_job
+def test_exactly_the_announced_files_are_written(main_job, tmp_path, capsys):
+    out, output = main_job
     logs = [f"{name}{end}.npz" for name in LABELS for end in ("", "_compute")]
-    told = [name for name in said_to_be_written(said) if "each controller" not in name]
-    assert sorted([*told, *logs]) == sorted(path.name for path in out.iterdir())
+    announced = [name for name in announced_files(output) if "each controller" not in name]
+    assert sorted([*announced, *logs]) == sorted(path.name for path in out.iterdir())
     # A log measured again, without figures.
     assert main(["--replay", str(out / "mpc.npz"), "--no-figures", "--out", str(tmp_path)]) == 0
-    told = said_to_be_written(capsys.readouterr().out)
-    assert sorted(told) == sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
+    announced = announced_files(capsys.readouterr().out)
+    assert sorted(announced) == sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
 
 
-def test_the_report_has_all_numbers_and_pictures_of_the_run(main_job):
+def test_the_report_has_all_metrics_and_figures_of_the_run(main_job):
     out, text = main_job
     report = (out / "report.html").read_text(encoding="utf-8")
     assert len(report.encode()) < 3_000_000
@@ -143,7 +143,7 @@ def test_wrong_config_files_are_refused_with_all_errors(tmp_path, text, expected
         (["--replay", "subject03_R4", "--distance-m", "0.5", "--placement", "side"], "at least 0.8 m"),
     ],
 )
-def test_bad_input_is_one_message_and_status_2(words, expected, capfd):
+def test_bad_input_gives_one_message_and_status_2(words, expected, capfd):
     try:
         status = main(words)
     except SystemExit as leaving:
@@ -154,8 +154,8 @@ def test_bad_input_is_one_message_and_status_2(words, expected, capfd):
     assert "Traceback" not in seen.err
 
 
-def test_a_limit_violation_is_status_1(walk, tmp_path, monkeypatch, capsys):
-    """Never seen in a real run: made by measuring against limits that are too small."""
+def test_a_limit_violation_gives_status_1(walk, tmp_path, monkeypatch, capsys):
+    """Does not occur in real runs: provoked by too small limits."""
     monkeypatch.setattr("gazempc.results.metrics.limit_violations", lambda log, neck: 3)
     words = ["--replay", str(walk), "--placement", "recorded", "--controllers", "reactive", "--no-figures"]
     assert main([*words, "--noise-seeds", "2", "--out", str(tmp_path)]) == 1

@@ -1,4 +1,4 @@
-"""What all predictors share: purity, refusals, covariances, and the use of the error that an observation states."""
+"""Common properties of predictors: purity, refusals, covariances, and use of stated observation errors."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ every_predictor = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.ke
 
 
 @every_predictor
-def test_forecast_changes_nothing_and_is_the_same_in_any_order(make):
+def test_forecasting_is_pure_and_independent_of_order(make):
     predictor = make()
     end_s = walk(predictor, relative_yaw=0.5)
     times_s = end_s + np.array([0.5, 0.0, 1.0, 0.25])
@@ -38,13 +38,13 @@ def test_forecast_changes_nothing_and_is_the_same_in_any_order(make):
     np.testing.assert_array_equal(again.times_s, times_s[shuffle])
     np.testing.assert_array_equal(again.means_base_m, first.means_base_m[shuffle])
     np.testing.assert_array_equal(again.covariances_m2, first.covariances_m2[shuffle])
-    asked, unasked = make(), make()
+    queried, unqueried = make(), make()
     for i in range(10):
-        for each in (asked, unasked):
+        for each in (queried, unqueried):
             each.update(seen(i * FRAME_S, i * FRAME_S * WALK_M_S, head_yaw=0.1 * i))
-        asked.forecast(i * FRAME_S + np.linspace(0.0, 2.0, 5))
-    np.testing.assert_array_equal(asked.forecast(1.0).means_base_m, unasked.forecast(1.0).means_base_m)
-    np.testing.assert_array_equal(asked.forecast(1.0).covariances_m2, unasked.forecast(1.0).covariances_m2)
+        queried.forecast(i * FRAME_S + np.linspace(0.0, 2.0, 5))
+    np.testing.assert_array_equal(queried.forecast(1.0).means_base_m, unqueried.forecast(1.0).means_base_m)
+    np.testing.assert_array_equal(queried.forecast(1.0).covariances_m2, unqueried.forecast(1.0).covariances_m2)
 
 
 @every_predictor
@@ -57,7 +57,7 @@ def test_no_forecast_before_the_first_observation_nor_after_reset(make):
     with pytest.raises(NotReadyError):
         predictor.forecast(0.0)
     fresh = make()
-    for each in (predictor, fresh):  # and an earlier clock is as good as any after a reset
+    for each in (predictor, fresh):  # after a reset an earlier clock is valid
         each.update(seen(-5.0, np.ones(3)))
     np.testing.assert_array_equal(predictor.forecast(-4.5).means_base_m, fresh.forecast(-4.5).means_base_m)
     assert predictor.forecast(-4.5).issued_at_s == -5.0
@@ -65,7 +65,7 @@ def test_no_forecast_before_the_first_observation_nor_after_reset(make):
 
 @every_predictor
 @pytest.mark.parametrize("step_s", [0.0, -0.1])
-def test_old_observations_are_refused_and_change_nothing(make, step_s):
+def test_old_observations_are_refused_without_effect(make, step_s):
     predictor = make()
     end_s = walk(predictor, relative_yaw=0.5)
     before = predictor.forecast(end_s + 0.5)
@@ -85,7 +85,7 @@ def test_old_observations_are_refused_and_change_nothing(make, step_s):
     ahead_s=st.lists(st.floats(-0.5, 3.0), min_size=1, max_size=5),
 )
 def test_covariances_are_symmetric_and_positive_semidefinite(make, steps_s, places, yaws, ahead_s):
-    """Whatever is seen, jumps included."""
+    """For any observations, jumps included."""
     predictor = make()
     times_s = np.cumsum(steps_s)
     for i, time_s in enumerate(times_s):
@@ -98,7 +98,7 @@ def test_covariances_are_symmetric_and_positive_semidefinite(make, steps_s, plac
     assert np.linalg.eigvalsh(P).min() >= -1e-12 * scale
 
 
-def test_last_position_stays_and_spreads_at_walking_speed():
+def test_last_position_is_constant_with_variance_of_walking_speed():
     last = LastPosition(position_noise_m=0.02, walking_speed_m_s=0.5)
     last.update(seen(1.0, np.array([9.0, 9.0, 9.0])))
     last.update(seen(2.0, np.array([1.0, 2.0, 3.0])))
@@ -109,7 +109,7 @@ def test_last_position_stays_and_spreads_at_walking_speed():
     assert forecast.issued_at_s == 2.0
 
 
-def test_perfect_gives_the_true_future_surely():
+def test_perfect_gives_the_true_future_without_variance():
     perfect = Perfect(lambda times: np.stack([np.sin(times), times**2, np.ones_like(times)], axis=-1))
     perfect.update(seen(0.5, np.zeros(3)))
     forecast = perfect.forecast([0.5, 2.0])
@@ -127,7 +127,7 @@ EYE3 = np.eye(3)
 
 
 def curve(frames=30, seed=0):
-    """A person comes round a gentle curve; each frame's error is drawn from the covariance that it states."""
+    """A person on a gentle curve; each frame's error is sampled from its stated covariance."""
     rng = np.random.default_rng(seed)
     time_s, heading = 0.0, 0.0
     place = np.array([2.5, -1.2, 0.4])
@@ -146,7 +146,7 @@ def curve(frames=30, seed=0):
 
 
 def acceleration_kernel(product, early, late, psd=0.3):
-    """As `velocity_kernel`, with an acceleration of 0 +- 1 m/s^2 that white noise drives."""
+    """As `velocity_kernel`, with initial acceleration 0 +- 1 m/s^2 and white jerk."""
     apart = late - early
     return product + product**2 / 4 + psd * (early**5 / 5 + apart * early**4 / 2 + apart**2 * early**3 / 3) / 4
 
@@ -160,7 +160,7 @@ def acceleration_kernel(product, early, late, psd=0.3):
     ],
     ids=["cv", "ca", "imm whose modes all go straight"],
 )
-def test_it_is_the_exact_posterior_with_that_covariance(predictor, kernel):
+def test_forecasts_equal_the_exact_posterior_with_stated_covariances(predictor, kernel):
     observations = curve()
     for k, observation in enumerate(observations):
         predictor.update(observation)
@@ -173,28 +173,28 @@ def test_it_is_the_exact_posterior_with_that_covariance(predictor, kernel):
 
 
 @pytest.mark.parametrize("make", PREDICTORS.values(), ids=PREDICTORS.keys())
-def test_stating_the_noise_of_every_frame_is_to_set_it(make):
-    """And a noise that is set counts for nothing where another is stated, but for how particles are shaken."""
+def test_stated_noise_equals_configured_noise(make):
+    """Configured noise has no effect where another is stated, except on particle roughening."""
     noise_m = 0.004
-    set_to_it, told = make(position_noise_m=noise_m), make(position_noise_m=0.01)
+    configured, told = make(position_noise_m=noise_m), make(position_noise_m=0.01)
     for observation in curve():
         near = replace(observation, position_covariance_m2=None)
-        set_to_it.update(near)
+        configured.update(near)
         told.update(replace(near, position_covariance_m2=noise_m**2 * EYE3))
         times_s = observation.capture_time_s + AHEAD_S
-        a, b = set_to_it.forecast(times_s), told.forecast(times_s)
+        a, b = configured.forecast(times_s), told.forecast(times_s)
         np.testing.assert_allclose(a.means_base_m, b.means_base_m, atol=1e-6)
         np.testing.assert_allclose(a.covariances_m2, b.covariances_m2, rtol=1e-4, atol=1e-9)
 
 
 @pytest.mark.parametrize(("yaw_from", "sds"), [("waist", (0.03, 0.06)), ("travel", (0.03, None))])
-def test_the_head_s_yaw_is_filtered_with_the_stated_spread(yaw_from, sds):
-    """Of the relative yaw the variances add up; half of the usual variance stands for what is not stated."""
+def test_the_head_yaw_is_filtered_with_its_stated_deviation(yaw_from, sds):
+    """The variances of the relative yaw add; half of the default variance replaces an unstated one."""
     usual_rad = 0.05
     expected = sds[0] ** 2 + (usual_rad**2 / 2.0 if sds[1] is None else sds[1] ** 2)
-    set_to_it = HeadPose(yaw_noise_rad=np.sqrt(expected), yaw_from=yaw_from)
+    configured = HeadPose(yaw_noise_rad=np.sqrt(expected), yaw_from=yaw_from)
     told = HeadPose(yaw_noise_rad=usual_rad, yaw_from=yaw_from)
     for observation in curve():
-        set_to_it.update(observation)
+        configured.update(observation)
         told.update(replace(observation, head_yaw_sd_rad=sds[0], pelvis_yaw_sd_rad=sds[1]))
-    assert told.relative_yaw_rad() == pytest.approx(set_to_it.relative_yaw_rad(), abs=1e-12)
+    assert told.relative_yaw_rad() == pytest.approx(configured.relative_yaw_rad(), abs=1e-12)

@@ -1,4 +1,4 @@
-"""Constant velocity: the gate, the change to another person's track, and the filter against direct Gaussian solves."""
+"""Constant velocity: the gate, track replacement, and the filter against direct Gaussian solves."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def person(time_s):
 
 
 def show(cv, at, since_s, until_s, rate_hz=30.0):
-    """Show a person with 5 mm of noise; returns the observations."""
+    """Update with a person with 5 mm of noise; returns the observations."""
     rng = np.random.default_rng(7)
     shown = []
     for k in range(round(since_s * rate_hz), round(until_s * rate_hz)):
@@ -42,7 +42,7 @@ def test_the_edge_is_the_quantile_with_an_allowance_that_grows_with_the_gap(sinc
     assert not is_near(np.array([np.nan, 0.0, 0.0]), np.eye(3), since_s)
 
 
-def test_spikes_are_refused_and_nothing_else():
+def test_only_spikes_are_refused():
     """10 % of the frames of a minute, 0.2 to 0.5 m."""
     rng, cv, wrong, good = np.random.default_rng(1), ConstantVelocity(), [], []
     for k in range(1800):
@@ -56,8 +56,8 @@ def test_spikes_are_refused_and_nothing_else():
     assert np.mean(good) < 0.01
 
 
-def test_a_tracker_noisier_than_stated_is_not_refused_for_long():
-    """A range that is wrong by 15 % in each frame, and 10 mm stated: after a second nearly all is used."""
+def test_a_tracker_noisier_than_stated_is_soon_accepted():
+    """Range noise of 15 % with 10 mm stated: after a second nearly all frames are used."""
     rng, cv, refused = np.random.default_rng(2), ConstantVelocity(), []
     for k in range(150):
         cv.update(HeadObservation(k / 30, person(k / 30) * (1.0 + 0.15 * rng.standard_normal())))
@@ -66,8 +66,8 @@ def test_a_tracker_noisier_than_stated_is_not_refused_for_long():
 
 
 @pytest.mark.parametrize("rate_hz", RATES_HZ)
-def test_a_track_rides_through_a_passer_by_of_0_7_s(rate_hz):
-    """Also where the gate has grown over the other person meanwhile."""
+def test_a_passer_by_of_0_7_s_does_not_move_the_track(rate_hz):
+    """Also where the growing gate includes the other person."""
     cv = ConstantVelocity()
     for period in range(4):
         begin_s = 1.8 * period
@@ -78,8 +78,8 @@ def test_a_track_rides_through_a_passer_by_of_0_7_s(rate_hz):
 
 
 @pytest.mark.parametrize("rate_hz", [2.5, *RATES_HZ])
-def test_who_is_elsewhere_for_good_is_followed_within_about_a_second(rate_hz):
-    """And goes on with the velocity that was seen meanwhile."""
+def test_a_lasting_jump_is_followed_within_about_a_second(rate_hz):
+    """With the velocity observed meanwhile."""
 
     def elsewhere(time_s):
         return np.array([2.0, -1.0 - time_s, 0.4])
@@ -93,7 +93,7 @@ def test_who_is_elsewhere_for_good_is_followed_within_about_a_second(rate_hz):
     np.testing.assert_allclose(cv.state()[1][3:], [0.0, -1.0, 0.0], atol=0.1)
 
 
-def test_a_track_that_began_with_a_mistake_is_given_up_at_once():
+def test_a_track_with_a_false_first_detection_is_replaced_at_once():
     cv = ConstantVelocity()
     cv.update(HeadObservation(0.0, person(0.0) + 3.0 * ASIDE_M))
     show(cv, person, 1 / 30, 0.1)
@@ -109,7 +109,7 @@ def aside_of_person(time_s):
     return person(time_s) + ASIDE_M
 
 
-def test_who_has_another_name_is_waited_out_for_longer():
+def test_a_jump_with_another_name_is_refused_for_longer():
     cv = ConstantVelocity()
     named(cv, person, 0.0, 2.0, "ann")
     named(cv, aside_of_person, 2.0, 3.2, "bob")
@@ -118,12 +118,12 @@ def test_who_has_another_name_is_waited_out_for_longer():
     assert cv.rejections_in_a_row == 0
     named(cv, aside_of_person, 4.0, 5.6, "bob")
     assert off_m(cv, aside_of_person) < 0.02
-    named(cv, person, 5.6, 6.8, "ann")  # now she is the other one
+    named(cv, person, 5.6, 6.8, "ann")  # now the track is the other person's
     assert off_m(cv, aside_of_person) < 0.05
 
 
-def test_after_a_gap_another_name_needs_to_be_where_the_person_is_expected():
-    """0.4 m aside after 0.4 s may be the person who turned, but not under another name."""
+def test_after_a_gap_another_name_must_match_the_predicted_position():
+    """0.4 m aside after 0.4 s may be the same person turning, but not under another name."""
 
     def turned(time_s):
         return person(time_s) + 0.4 * ASIDE_M
@@ -163,7 +163,7 @@ def test_filter_is_the_exact_gaussian_posterior_for_irregular_stamps(steps_s, ps
 
 
 def show_jumps(cv, count):
-    """Show another place, 0.5 m aside, for a number of frames; gives the last time and place."""
+    """Update with a position 0.5 m aside for some frames; returns the last time and position."""
     end_s = walk(cv)
     jump = cv.forecast(end_s).means_base_m[0] + [0.0, 0.5, 0.0]
     for i in range(1, count + 1):
@@ -171,8 +171,8 @@ def show_jumps(cv, count):
     return end_s + count * FRAME_S, jump + 0.001 * count
 
 
-def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused():
-    """With all of its history: as a filter that saw nothing else."""
+def test_after_0_75_s_the_refused_observations_become_the_track():
+    """With its full history: as a filter of these observations alone."""
     cv, fresh = ConstantVelocity(), ConstantVelocity()
     end_s, place_m = show_jumps(cv, 24)
     for i in range(1, 25):
@@ -185,8 +185,8 @@ def test_after_0_75_s_of_refusals_the_track_is_that_of_what_was_refused():
     assert cv.rejections_in_a_row == 0
 
 
-def test_not_gated_is_the_plain_filter_that_takes_in_everything():
-    """One outlier: the exact posterior of all observations, or, gated, of all others."""
+def test_ungated_is_the_plain_filter_of_all_observations():
+    """One outlier: the exact posterior with it (ungated) or without it (gated)."""
     times_s = np.arange(40) * FRAME_S
     positions_m = np.array([2.0, 1.0, 0.4]) + times_s[:, None] * WALK_M_S
     positions_m[30] += [0.0, 3.0, 0.0]

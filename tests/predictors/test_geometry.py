@@ -48,12 +48,12 @@ def test_covariance_of_a_bearing_has_the_stated_axes(position, bearing_sd_rad, r
 
 
 def rounding(sds_m):
-    """Relative error that rounding may make: in proportion to the condition number."""
+    """Bound on the relative rounding error, in proportion to the condition number."""
     return 1e-13 + 1e-14 * float(np.max(sds_m) / np.min(sds_m)) ** 2
 
 
 def exact_inverse(matrix):
-    """By cofactors in fractions, so without rounding before the last step."""
+    """Inverse by cofactors in exact fractions, rounded once."""
     a = [[Fraction(float(matrix[min(r, c), max(r, c)])) for c in range(3)] for r in range(3)]
 
     def cofactor(r, c):
@@ -69,7 +69,7 @@ def exact_inverse(matrix):
 )
 @pytest.mark.parametrize("seed", range(3))
 def test_inverse_and_distance_near_singularity_agree_with_fractions(seed, sds_m):
-    """Rounding in proportion to the condition number; symmetric, and no direction becomes impossible."""
+    """Rounding in proportion to the condition number; symmetric and positive definite."""
     rng = np.random.default_rng(seed)
     matrix = random_covariance(rng, sds_m)
     exact = exact_inverse(matrix)
@@ -88,7 +88,7 @@ def test_inverse_and_distance_near_singularity_agree_with_fractions(seed, sds_m)
     size_m=st.floats(0.01, 10.0),
     floor=st.floats(1e-4, 1.0),
 )
-def test_of_a_singular_matrix_the_floor_makes_one_with_a_closed_form(direction, size_m, floor):
+def test_the_floored_inverse_of_a_singular_matrix_has_a_closed_form(direction, size_m, floor):
     """A single direction v: by Sherman and Morrison (1950), (I - v v' / (floor + |v|^2)) / floor."""
     v = size_m * direction
     expected = (np.eye(3) - np.outer(v, v) / (floor + v @ v)) / floor
@@ -115,7 +115,7 @@ QUAT = np.array([1.0, 0.0, 0.0, 0.0])
         ((0.0, GOOD, np.zeros(4)), "head_quat_wxyz is not of unit length"),
     ],
 )
-def test_observation_refuses(arguments, message):
+def test_invalid_observations_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         HeadObservation(*arguments)
 
@@ -127,7 +127,7 @@ def test_observation_takes_plain_lists_and_is_frozen():
         observation.capture_time_s = 1.0
 
 
-def test_a_forecast_may_be_made_of_lists():
+def test_a_forecast_accepts_lists():
     forecast = Forecast([1.0, 2.0], [[1, 2, 3], [4, 5, 6]], np.zeros((2, 3, 3)).tolist(), 0.5)
     assert (forecast.means_base_m.shape, forecast.means_base_m.dtype) == ((2, 3), np.float64)
     with pytest.raises(ValueError, match=r"covariances_m2 of a forecast for 2 times has shape \(2,\), expected"):

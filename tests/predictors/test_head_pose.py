@@ -1,4 +1,4 @@
-"""Head pose: the paper's equations by hand; the yaw from waist or travel, and with its mean removed."""
+"""Head pose: the paper's equations by hand; yaw relative to waist or travel, and with its mean removed."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from predictors.geometry import wrap_rad
 @pytest.mark.parametrize("weight", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("relative_yaw", [0.0, 0.4, -1.2])
 def test_head_pose_is_the_papers_equations_1_to_5(weight, relative_yaw):
-    """N = 15 steps of 1/30 s, with x(t|t) from the Kalman filter that sees the same positions."""
+    """N = 15 steps of 1/30 s, with x(t|t) from a Kalman filter of the same positions."""
     head, kalman = HeadPose(weight=weight), ConstantVelocity()
     end_s = walk(head, relative_yaw=relative_yaw)
     walk(kalman)
@@ -31,7 +31,7 @@ def test_head_pose_is_the_papers_equations_1_to_5(weight, relative_yaw):
 def test_head_pose_covariance_is_that_of_the_turned_state():
     weight, yaw, psd, tau = 0.6, 0.9, 0.05, 0.5
     head, kalman = HeadPose(weight=weight), ConstantVelocity()
-    end_s = walk(head, frames=4, relative_yaw=yaw)  # few frames: position and velocity are still correlated
+    end_s = walk(head, frames=4, relative_yaw=yaw)  # after few frames position and velocity are correlated
     walk(kalman, frames=4)
     _, x, P = kalman.state()
     turn = Rotation.from_euler("z", yaw).as_matrix()
@@ -43,7 +43,7 @@ def test_head_pose_covariance_is_that_of_the_turned_state():
     assert np.linalg.norm(P[:3, 3:]) > 1e-6
 
 
-def test_the_last_yaw_is_good_for_half_a_second_only():
+def test_a_yaw_expires_after_half_a_second():
     head, kalman = HeadPose(weight=1.0), ConstantVelocity()
     end_s = walk(head, relative_yaw=0.7)
     walk(kalman)
@@ -60,7 +60,7 @@ def test_the_last_yaw_is_good_for_half_a_second_only():
         head.forecast(later_s + 0.5).means_base_m, kalman.forecast(later_s + 0.5).means_base_m
     )
     head.update(seen(later_s, kalman.forecast(later_s).means_base_m[0], head_yaw=-0.2))
-    assert head.relative_yaw_rad() == pytest.approx(-0.2)  # the old yaw is not in it
+    assert head.relative_yaw_rad() == pytest.approx(-0.2)  # the old yaw has no effect
 
 
 @pytest.mark.parametrize("centre", [0.3, np.pi])
@@ -79,7 +79,7 @@ def test_relative_yaw_is_the_scalar_kalman_filter_of_a_random_walk(centre):
         assert wrap_rad(head.relative_yaw_rad() - estimate) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier():
+def test_ungated_head_pose_uses_position_and_yaw_of_an_outlier():
     for gated in (False, True):
         head, kalman = HeadPose(gated=gated), ConstantVelocity(gated=gated)
         for predictor in (head, kalman):
@@ -93,8 +93,8 @@ def test_head_pose_not_gated_takes_in_place_and_yaw_of_an_outlier():
 
 
 @pytest.mark.parametrize("waist_yaw", [None, -2.0])
-def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw):
-    """Where the waist points, or whether it is known, does not matter."""
+def test_yaw_from_travel_is_head_yaw_minus_path_heading(waist_yaw):
+    """Independent of the waist orientation, known or unknown."""
     head, kalman = HeadPose(weight=1.0, yaw_from="travel"), ConstantVelocity()
     end_s = turned_walk(head, 60, waist_yaw=waist_yaw)
     turned_walk(kalman, 60)
@@ -104,8 +104,8 @@ def test_yaw_from_travel_is_the_heads_turn_from_the_path(waist_yaw):
     np.testing.assert_allclose(head.forecast(end_s + 0.5).means_base_m[0], expected, atol=1e-9)
 
 
-def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed():
-    """The offset is that of the filtered yaw, frame by frame."""
+def test_removing_the_mean_keeps_yaw_oscillation():
+    """The offset is the running mean of the filtered yaw."""
     with_offset, without = (HeadPose(offset_removed=removed) for removed in (False, True))
     total = 0.0
     for i in range(90):
@@ -118,13 +118,13 @@ def test_a_swinging_yaw_keeps_its_swing_when_its_mean_is_removed():
         assert without.relative_yaw_rad() == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_new_track_forgets_the_offset_of_the_old_one():
-    """Refusals for 0.75 s, then a track 5 m away whose head is turned the other way: its own mean alone is removed."""
+def test_a_new_track_resets_the_yaw_offset():
+    """Refusals for 0.75 s, then a track 5 m away with opposite head yaw: only its own mean is removed."""
     head = HeadPose(yaw_from="travel", offset_removed=True)
     end_s = turned_walk(head, 90)
     start_s = end_s + FRAME_S
     last_s = turned_walk(head, 100, np.radians(-10.0), start_s=start_s, start_m=(2.0, 6.0, 0.4))
-    expected = np.radians(-10.0) * 0.5 / (last_s - start_s + 0.5)  # the new track has what was refused
+    expected = np.radians(-10.0) * 0.5 / (last_s - start_s + 0.5)  # the new track includes the refused observations
     assert head.relative_yaw_rad() == pytest.approx(expected, abs=np.radians(0.1))
     head.reset()
     turned_walk(head, 30)

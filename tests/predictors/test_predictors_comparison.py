@@ -1,4 +1,4 @@
-"""The standard predictors that others are compared with, each against an oracle that does not share its code."""
+"""The baseline predictors, each against an independent oracle."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def straight(time_s):
 
 
 def show(predictor, path, frames=60, pelvis=None, head=None, noise_m=0.0):
-    """Show a walk at 30 Hz; gives the time of the last frame."""
+    """Update with a walk at 30 Hz; returns the time of the last frame."""
     rng = np.random.default_rng(4)
     for i in range(frames):
         t = i * FRAME_S
@@ -50,8 +50,8 @@ def show(predictor, path, frames=60, pelvis=None, head=None, noise_m=0.0):
 
 
 @pytest.mark.parametrize("name", FILTERS)
-def test_false_detections_do_not_move_the_track_and_after_0_75_s_they_are_it(name):
-    """They walk on, too, so that the new track has a velocity at once."""
+def test_false_detections_replace_the_track_only_after_0_75_s(name):
+    """The false detections move, so that the new track has a velocity at once."""
     predictor = PREDICTORS[name]()
     end_s = show(predictor, straight, noise_m=0.005)
     aside = np.array([0.0, 0.6, 0.0])
@@ -86,7 +86,7 @@ def test_a_gap_is_bridged_by_the_time_stamps(name):
 
 
 @pytest.mark.parametrize("rate", [-2.0, 0.0, 1.5])
-def test_dying_turn_is_what_an_ode_solver_gives(rate):
+def test_dying_turn_equals_an_ode_solver(rate):
     def derivative(_, y):
         return [np.cos(y[2]), np.sin(y[2]), y[3], -y[3] / 0.4]
 
@@ -100,7 +100,7 @@ def test_dying_turn_is_what_an_ode_solver_gives(rate):
 
 @pytest.mark.parametrize("rate", [-1.5, 0.0, 1e-9, 0.8])
 @pytest.mark.parametrize("turn_time_s", [0.5, ENDLESS_S])
-def test_jacobian_is_that_of_finite_differences(rate, turn_time_s):
+def test_the_jacobian_equals_finite_differences(rate, turn_time_s):
     x, dt, step = np.array([2.0, 1.0, 1.3, 0.4, rate, 0.1, -0.2]), np.array([0.03, 0.8]), 1e-6
     _, jacobian = coordinated_turn.transition(x, dt, turn_time_s)
     for i in range(7):
@@ -110,7 +110,7 @@ def test_jacobian_is_that_of_finite_differences(rate, turn_time_s):
         np.testing.assert_allclose(jacobian[:, :, i], (up - down) / (2 * step), atol=1e-8)
 
 
-def test_a_standing_person_is_that_of_constant_velocity():
+def test_a_standing_person_has_the_constant_velocity_forecast():
     def sways(t):
         return np.array([2.0 + 0.02 * np.sin(3 * t), 1.0, 1.6 + 0.02 * np.cos(5 * t)])
 
@@ -124,8 +124,8 @@ def test_a_standing_person_is_that_of_constant_velocity():
 
 
 @pytest.mark.parametrize("heading", [0.4, np.pi - 0.02])
-def test_a_constant_offset_of_the_yaws_is_learned_and_does_not_bend_the_walk(heading):
-    """Also where the measured yaws jump from pi to -pi."""
+def test_a_constant_yaw_offset_is_estimated_and_keeps_the_walk_straight(heading):
+    """Also where the measured yaws wrap from pi to -pi."""
     direction = np.array([np.cos(heading), np.sin(heading), 0.0])
     predictor = CoordinatedTurn(yaw_cues="both")
     end_s = show(
@@ -140,7 +140,7 @@ def test_a_constant_offset_of_the_yaws_is_learned_and_does_not_bend_the_walk(hea
 
 
 @pytest.mark.parametrize("cues", ["pelvis", "both"])
-def test_a_turned_pelvis_bends_the_path_to_its_side(cues):
+def test_a_turned_pelvis_bends_the_forecast_to_its_side(cues):
     def turns_at_the_end(t):
         return 0.6 * max(t - 1.6, 0.0)
 
@@ -155,7 +155,7 @@ def test_a_turned_pelvis_bends_the_path_to_its_side(cues):
 # ---------------------------------------------------------------- interacting models
 
 
-def test_imm_is_the_textbooks_at_irregular_times():
+def test_imm_equals_the_textbook_at_irregular_times():
     """Bar-Shalom, Li & Kirubarajan 2001, table 11.6.6-1, written out; per mode likelihoods from scipy."""
     rates_rad_s, psd, noise_m, mode_s = (0.0, 0.7, -0.7), 0.05, 0.01, 2.0
     predictor = InteractingModels(0.7, mode_s, psd, noise_m)
@@ -201,7 +201,7 @@ def test_imm_is_the_textbooks_at_irregular_times():
 
 
 def test_many_particles_agree_with_the_extended_kalman_filter():
-    """Both are the same walker's; the particles' measurement noise is wider, so it is made up for."""
+    """Equal models; the particle filter's wider measurement noise is compensated."""
     particles, ekf = ParticleFilter(4000, position_noise_m=0.01), CoordinatedTurn(position_noise_m=0.015)
     for each in (particles, ekf):
         end_s = show(each, on_circle, frames=90, noise_m=0.01)

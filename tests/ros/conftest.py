@@ -1,4 +1,4 @@
-"""A stage for each test."""
+"""Fixture: a stage for each test."""
 
 import sys
 from pathlib import Path

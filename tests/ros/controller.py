@@ -1,4 +1,4 @@
-"""A scripted joint_trajectory_controller of a neck that is simulated with its dead time.
+"""A scripted joint_trajectory_controller of a simulated neck with dead time.
 
 It treats trajectories as that of ros2_controllers (Jazzy and later): the newest replaces the one before, from the
 present state on; between points it interpolates by quintics; a last point that moves is refused. It sends joint
@@ -88,14 +88,14 @@ def main():
     parser.add_argument("--neck", default="reference")
     parser.add_argument("--out")
     parser.add_argument("--position", type=float, nargs=2, default=[0.0, 0.0])
-    asked = parser.parse_args()
-    neck, stopped = load_neck(asked.neck), []
+    arguments = parser.parse_args()
+    neck, stopped = load_neck(arguments.neck), []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopped.append(True))
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     node, controller = Node("head_controller"), Controller()
-    controller.states[0, 0] = asked.position
-    plant = SimulatedNeck(neck, np.array(asked.position), time.time)
+    controller.states[0, 0] = arguments.position
+    plant = SimulatedNeck(neck, np.array(arguments.position), time.time)
     plant.connect()
     reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
     commands = node.create_subscription(JointTrajectory, "/head_controller/joint_trajectory", lambda _: None, reliable)
@@ -119,10 +119,10 @@ def main():
                 message, about = found
                 transports_ms.append(1e-6 * (about["received_timestamp"] - about["source_timestamp"]))
                 controller.take(message, now_s)
-        wanted = controller.at(now_s)
-        plant.send_command(wanted[0])
+        state = controller.at(now_s)
+        plant.send_command(state[0])
         true = plant.true_state()
-        rows.append([now_s, *wanted.ravel(), *true.position_rad, *true.velocity_rad_s])
+        rows.append([now_s, *state.ravel(), *true.position_rad, *true.velocity_rad_s])
         if k % STATES_EVERY == 0:
             stamp = Time(sec=int(now_s), nanosec=int(1e9 * (now_s % 1.0)))
             message = JointState(name=["wheel", *NAMES])
@@ -138,9 +138,9 @@ def main():
         k += 1
         due_s = max(due_s + PERIOD_S, now_s)
         time.sleep(max(0.0, due_s - time.time()))
-    if asked.out:
+    if arguments.out:
         np.savez(
-            asked.out,
+            arguments.out,
             rows=rows,
             accepted=controller.accepted,
             refused=controller.refused,

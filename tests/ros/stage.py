@@ -20,7 +20,7 @@ rclpy = rclpy_or_skip()
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PACKAGE = ROOT / "ros" / "gazempc_ros"
-# The controller takes a command up to one of its periods later and holds its own for one: as `identify` finds it.
+# The controller samples a command up to one of its periods late and holds its own for one, as `identify` measures.
 TOWARDS_CONTROLLER_S = 0.002
 NECK_PARAMETERS = {
     "options.ros2.base_frame": "base_link",
@@ -29,7 +29,7 @@ NECK_PARAMETERS = {
 
 
 class Process:
-    """A node in a process of its own; what it prints is kept in a file."""
+    """A node in a process of its own, with its output in a file."""
 
     def __init__(self, folder, name, words):
         path = os.pathsep.join(map(str, (ROOT, PACKAGE, HERE, HERE.parent, os.environ.get("PYTHONPATH", ""))))
@@ -43,7 +43,7 @@ class Process:
         return self.log.read_text()
 
     def stop(self, how=signal.SIGINT, timeout_s=30.0):
-        """End it; its exit status."""
+        """End the process; returns its exit status."""
         if self.process.poll() is None:
             self.process.send_signal(how)
         try:
@@ -84,8 +84,8 @@ class Stage:
 
     def gaze(self, *words, **parameters):
         self.gaze_file = self.folder / f"gaze_{len(self.running)}.npz"
-        asked = NECK_PARAMETERS | {"neck": str(self.neck_file), "log": str(self.gaze_file)} | parameters
-        given = [word for name, value in asked.items() for word in ("-p", f"{name}:={value}")]
+        settings = NECK_PARAMETERS | {"neck": str(self.neck_file), "log": str(self.gaze_file)} | parameters
+        given = [word for name, value in settings.items() for word in ("-p", f"{name}:={value}")]
         return self.start("gaze", "-m", "gazempc_ros.gaze", "--ros-args", *given, *words)
 
     def rows(self):
@@ -110,17 +110,17 @@ class Stage:
 
 
 class Client:
-    """A node of the test that keeps what it hears."""
+    """A node of the test that records received messages."""
 
     def __init__(self):
         self.own = not rclpy.ok()
         if self.own:
             rclpy.init(args=[])
         self.node = rclpy.create_node("client")
-        self.heard = defaultdict(list)
+        self.received = defaultdict(list)
 
     def listen(self, kind, topic, qos=10):
-        self.node.create_subscription(kind, topic, self.heard[topic].append, qos)
+        self.node.create_subscription(kind, topic, self.received[topic].append, qos)
 
     def step(self):
         rclpy.spin_once(self.node, timeout_sec=0.02)
@@ -138,7 +138,7 @@ class Client:
         return future.result()
 
     def ask(self, kind, name, request):
-        """The answer of a service."""
+        """Call a service; returns its response."""
         service = self.node.create_client(kind, name)
         self.wait(service.service_is_ready, why=f"no service {name}")
         return self.result(service.call_async(request))

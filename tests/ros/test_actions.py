@@ -1,4 +1,4 @@
-"""The actions of the node `gaze`, by a client in another process: goals that are sent, replaced and cancelled."""
+"""The actions of the node `gaze`, by a client in another process: goals sent, replaced and cancelled."""
 
 from builders.ros2_real import rclpy_or_skip
 
@@ -54,17 +54,17 @@ class Head:
         return self.client.result(handle.get_result_async(), timeout_s).status
 
     def joints_rad(self):
-        heard = self.client.heard["/joint_states"]
-        heard.clear()
-        self.client.wait(lambda: heard)
-        return np.array(heard[-1].position[1:])
+        received = self.client.received["/joint_states"]
+        received.clear()
+        self.client.wait(lambda: received)
+        return np.array(received[-1].position[1:])
 
     def off_rad(self, at_m):
         return float(gaze_error_rad(NECK.geometry, self.joints_rad(), np.array(at_m)))
 
 
-def test_goals_of_both_actions(stage):
-    """One node serves all cases: processes start slowly."""
+def test_goals_of_both_actions_succeed_abort_and_cancel(stage):
+    """One node for all cases, since processes start slowly."""
     controller, gaze = stage.controller(), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())
@@ -124,7 +124,7 @@ def test_goals_of_both_actions(stage):
     answered = [each.result() for each in sent if each.done()]
     assert len(answered) >= 30
     ends = [head.end(handle) for handle in answered]
-    # One whose place the gaze has just reached ends well.
+    # A goal just reached succeeds.
     assert ends.count(ABORTED) >= 0.9 * len(ends)
     assert set(ends) <= {ABORTED, OK}
 
@@ -137,7 +137,7 @@ def test_goals_of_both_actions(stage):
     assert times_s.size > 1000
 
 
-def test_a_slow_goal_keeps_its_speed_and_attention_returns(stage):
+def test_a_slow_goal_keeps_its_speed_limit_and_attention_resumes(stage):
     controller, gaze = stage.controller(), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())
@@ -146,7 +146,7 @@ def test_a_slow_goal_keeps_its_speed_and_attention_returns(stage):
     gaze.stop()
     controller.stop()
     _, _, joints_rad, _, _ = stage.rows()
-    # Of the commands: a joint catches up with messages that a busy computer delivers together.
+    # Measured on commands: joints catch up with messages that a busy computer delivers in bursts.
     commanded_rad_s = abs(gz.load_log(stage.gaze_file).command_velocity_rad_s[:, 0]).max()
     assert 0.3 < commanded_rad_s <= 0.4 * (1.0 + 1e-9)
     assert joints_rad[-1, 0] == pytest.approx(math.pi / 4, abs=0.035)

@@ -1,4 +1,4 @@
-"""The ROS package as a workspace uses it: launch files, parameter files, a bag of a run."""
+"""The ROS package in a workspace: launch files, parameter files, a bag of a run."""
 
 from builders.ros2_real import rclpy_or_skip
 
@@ -30,7 +30,7 @@ def nodes(name):
     }
 
 
-def test_launch_files_name_what_exists():
+def test_launch_files_refer_to_existing_files_and_nodes():
     setup = (PACKAGE / "setup.py").read_text()
     for name in ("gaze.launch.xml", "demo.launch.xml"):
         for executable in nodes(name):
@@ -40,7 +40,7 @@ def test_launch_files_name_what_exists():
 
 
 def test_the_demonstration_shows_markers_and_its_bag_replays(stage):
-    """What the launch file starts, with the parameter files that it names; people and frames go to a bag."""
+    """The nodes of the launch file with its parameter files; people and frames are recorded in a bag."""
     client, started = stage.client(), nodes("demo.launch.xml")
     client.listen(MarkerArray, "/gaze/markers")
     raw = {"/person/pose": [], "/tf_static": []}
@@ -56,14 +56,14 @@ def test_the_demonstration_shows_markers_and_its_bag_replays(stage):
         running[name] = stage.start(name, "-m", f"gazempc_ros.{name}", "--ros-args", "--params-file", file)
 
     def shown():
-        return {marker.ns for message in client.heard["/gaze/markers"] for marker in message.markers}
+        return {marker.ns for message in client.received["/gaze/markers"] for marker in message.markers}
 
     complete = {"gaze", "attended", "forecast"}
     client.wait(
         lambda: len(raw["/person/pose"]) > 90 and shown() == complete,
         why=f"{running['gaze'].text()}{running['walk'].text()}",
     )
-    last = client.heard["/gaze/markers"][-1].markers
+    last = client.received["/gaze/markers"][-1].markers
     assert all(math.isfinite(each.scale.x) for each in last)
     for process in running.values():
         assert process.stop() == 0, process.text()

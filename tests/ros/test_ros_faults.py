@@ -24,29 +24,29 @@ NECK = gz.load_neck("reference")
 
 
 class Watch:
-    """What the diagnostics of the node have told so far."""
+    """Diagnostics of the node received so far."""
 
     def __init__(self, client):
         self.client = client
         client.listen(DiagnosticArray, "/diagnostics")
 
     def values(self):
-        heard = self.client.heard["/diagnostics"]
-        return {each.key: each.value for message in heard for each in message.status[0].values}
+        received = self.client.received["/diagnostics"]
+        return {each.key: each.value for message in received for each in message.status[0].values}
 
     def latest(self):
-        heard = self.client.heard["/diagnostics"]
-        return {each.key: each.value for each in heard[-1].status[0].values} if heard else {}
+        received = self.client.received["/diagnostics"]
+        return {each.key: each.value for each in received[-1].status[0].values} if received else {}
 
     def until(self, *words, timeout_s=60.0):
-        def told():
+        def matches():
             text = str(self.values())
             return all(word in text for word in words)
 
-        self.client.wait(told, timeout_s, why=lambda: f"{words}: {self.values()}")
+        self.client.wait(matches, timeout_s, why=lambda: f"{words}: {self.values()}")
 
     def until_used(self, more=20, timeout_s=60.0):
-        """Until more observations are used than before."""
+        """Wait until more observations are used."""
         before = int(self.latest().get("used", 0))
         self.client.wait(
             lambda: int(self.latest().get("used", 0)) >= before + more,
@@ -66,7 +66,7 @@ def within_limits(stage):
     return commands
 
 
-def test_tracker_and_controller_that_go_and_come_back(stage):
+def test_the_node_recovers_from_lost_trackers_and_controllers(stage):
     controller, gaze = stage.controller(), stage.gaze()
     watch = Watch(stage.client())
     gaze.until("robot ros2")
@@ -76,21 +76,21 @@ def test_tracker_and_controller_that_go_and_come_back(stage):
     other = stage.tracker("--passes", "20", "--name", "old_tracker")
     watch.until("several_senders", "/old_tracker and /tracker")
     other.stop(signal.SIGKILL)
-    # The tracker dies: the person is lost, and found again with the next one.
+    # The tracker is killed: the person is lost, and reacquired with the next tracker.
     tracker.stop(signal.SIGKILL)
     watch.until("event target_lost", "event no_sender")
     tracker = stage.tracker("--passes", "20")
     watch.until_used()
     stage.client().listen(JointState, "/joint_states")
-    # The controller dies, and comes back; meanwhile the neck was turned by 0.3 rad.
+    # The controller is killed and restarted; meanwhile the neck is turned by 0.3 rad.
     controller.stop(signal.SIGINT)
     first = stage.rows()
     watch.until("event robot_not_answering")
-    stage.client().heard["/joint_states"].clear()
+    stage.client().received["/joint_states"].clear()
     turned_rad = first[2][-1] - np.copysign([0.3, 0.0], first[2][-1])
     position = [f"{angle:.6f}" for angle in turned_rad]
     controller = stage.controller("--position", *position)
-    states = stage.client().heard["/joint_states"]
+    states = stage.client().received["/joint_states"]
     stage.client().wait(lambda: len(states) > 100)  # a second of commands
     watch.until_used()
     tracker.stop()
@@ -110,7 +110,7 @@ def test_tracker_and_controller_that_go_and_come_back(stage):
     ],
     ids=["NaN, and tf that jumps by 30 m", "tf that ends", "no tf"],
 )
-def test_bad_numbers_and_frames(stage, faults, events, seen):
+def test_invalid_values_and_frames_are_refused(stage, faults, events, seen):
     controller, gaze = stage.controller(), stage.gaze()
     watch = Watch(stage.client())
     gaze.until("robot ros2")
@@ -124,7 +124,7 @@ def test_bad_numbers_and_frames(stage, faults, events, seen):
     within_limits(stage)
 
 
-def test_the_clock_of_a_simulation_jumps_back(stage):
+def test_a_simulation_clock_reset_is_handled(stage):
     controller = stage.controller()
     gaze = stage.gaze(use_sim_time="true", **{"options.ros2.silent_after_s": "0.5"})
     # The controller's stamps are of the computer's clock: only the simulator's tracker fits. A robot without joint
@@ -149,13 +149,13 @@ def test_the_clock_of_a_simulation_jumps_back(stage):
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=["sigterm", "sigkill"])
-def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
+def test_a_node_stopped_in_motion_brakes_within_limits(stage, how):
     from test_actions import Head, point_head
 
     controller, gaze = stage.controller("--position", "-1.0", "0.0"), stage.gaze()
     gaze.until("robot ros2")
     head = Head(stage.client())
-    states = head.client.heard["/joint_states"]
+    states = head.client.received["/joint_states"]
 
     def moves():
         return bool(states) and abs(states[-1].velocity[1]) > 1.0
@@ -184,7 +184,7 @@ def test_a_node_that_is_stopped_in_a_motion_brakes_within_limits(stage, how):
         assert gz.measure(gz.load_log(stage.gaze_file)).limit_violations == 0
 
 
-def test_parameters_and_lifecycle(stage):
+def test_parameters_follow_the_lifecycle(stage):
     """Parameters have descriptions and ranges, and are set while the node is unconfigured."""
     gaze = stage.gaze(robot="simulated", autostart="false")
     client = stage.client()

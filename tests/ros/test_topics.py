@@ -43,11 +43,11 @@ class People:
         self.publisher.publish(message)
 
 
-def test_a_person_is_chosen_and_looked_away_from(stage):
+def test_a_person_is_selected_and_the_gaze_averted(stage):
     client = stage.client()
     watch, people = Watch(client), People(client)
-    asked = {"source": "ros2:/people", "options.ros2.pose_type": "vision_msgs/msg/Detection3DArray"}
-    gaze = stage.gaze(robot="simulated", attend="nearest", **asked)
+    settings = {"source": "ros2:/people", "options.ros2.pose_type": "vision_msgs/msg/Detection3DArray"}
+    gaze = stage.gaze(robot="simulated", attend="nearest", **settings)
     topics = {name: client.node.create_publisher(String, f"/gaze/{name}", 1) for name in ("attend", "look_away")}
 
     def off_deg(name):

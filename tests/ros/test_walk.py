@@ -1,4 +1,4 @@
-"""A walk seen from a moving frame, a controller with dead time, the node between them: against the run without ROS."""
+"""A walk in a moving frame, a controller with dead time, and the node between: against the run without ROS."""
 
 from builders.ros2_real import rclpy_or_skip
 
@@ -26,7 +26,7 @@ CONE_RAD = np.deg2rad(2.6)
 
 def contact(times_s, joints_rad, head_times_s, heads_m):
     """Share of the time from 1 s after the first head to the last one in which the error is within the cone."""
-    # A walk begins anew after two seconds without a person.
+    # A walk restarts after two seconds without a person.
     starts = np.flatnonzero(np.diff(head_times_s, prepend=-np.inf) > 1.0)
     ends = np.append(starts[1:], head_times_s.size) - 1
     kept = np.zeros(times_s.size, dtype=bool)
@@ -37,7 +37,7 @@ def contact(times_s, joints_rad, head_times_s, heads_m):
 
 
 def contact_without_ros(passes):
-    """The same settings, so with the node's time to compute."""
+    """Equal settings, including the node's computing time."""
     loop = {"compute_delay_s": 0.02}
     scene = make_scene("subject03_R4", SceneSettings(), NECK)
     clock, heads = RealClock(), []
@@ -61,7 +61,7 @@ def contact_without_ros(passes):
 
 
 def latencies_ms(log, tracker):
-    """From a message sent to the tick that uses it."""
+    """Time from sending a message to the tick that uses it."""
     log_age_s = log.arrival_time_s - log.capture_time_s
     offsets = tracker[:, 0][:, None] - log.capture_time_s[None]
     offset_s = np.median(offsets[np.abs(offsets - np.median(np.diag(offsets))) < 0.2])
@@ -69,7 +69,7 @@ def latencies_ms(log, tracker):
     return 1e3 * (log_age_s - (tracker[k, 1] - tracker[k, 0]))
 
 
-def test_contact_and_latency_equal_the_run_without_ros(stage):
+def test_eye_contact_and_latency_equal_those_without_ros(stage):
     controller = stage.controller()
     gaze = stage.gaze()
     gaze.until("robot ros2")
@@ -100,7 +100,7 @@ def test_contact_and_latency_equal_the_run_without_ros(stage):
     assert np.median(both_ms) < 5.0
 
 
-def test_the_command_live_is_the_same(stage):
+def test_eye_contact_of_the_live_command_equals_that_without_ros(stage):
     """Source and robot `ros2` of the command line."""
     controller, tracker = stage.controller(), stage.tracker("--passes", "20")
     out = stage.folder / "live"

@@ -1,4 +1,4 @@
-"""A scripted tracker: a recorded walk as seen from a frame that moves, with the sensor's delay and noise."""
+"""A scripted tracker: a recorded walk in a moving frame, with the sensor's delay and noise."""
 
 import argparse
 import math
@@ -46,45 +46,45 @@ def main():
     parser.add_argument("--stamp-offset-s", type=float, default=0.0)
     parser.add_argument("--clock-jump-after-s", type=float, default=math.inf)
     parser.add_argument("--sim-time", action="store_true")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     stopped = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopped.append(True))
     scene = make_scene("subject03_R4", SceneSettings(), load_neck("reference"))
     clock = RealClock()
-    source = ReplaySource(scene.walk, scene.sensor, 0, clock, asked.passes, ())
+    source = ReplaySource(scene.walk, scene.sensor, 0, clock, arguments.passes, ())
     true_head = TrueHead(scene.walk)
     rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    node = Node(asked.name)
+    node = Node(arguments.name)
     poses = node.create_publisher(PoseStamped, "/person/pose", 10)
     tf = node.create_publisher(TFMessage, "/tf", 10)
-    if asked.sim_time:
+    if arguments.sim_time:
         from rosgraph_msgs.msg import Clock
 
         clocks = node.create_publisher(Clock, "/clock", 1)
 
     def ros_s(unix_s, start_s):
         """Stamps: of this computer, or of a simulation that begins at 100 s and may be reset."""
-        if not asked.sim_time:
-            return unix_s + asked.stamp_offset_s
+        if not arguments.sim_time:
+            return unix_s + arguments.stamp_offset_s
         past_s = unix_s - start_s
-        return 100.0 + past_s - (90.0 if past_s > asked.clock_jump_after_s else 0.0)
+        return 100.0 + past_s - (90.0 if past_s > arguments.clock_jump_after_s else 0.0)
 
     while not stopped and not poses.get_subscription_count():
         time.sleep(0.01)
     start_s, sent, tf_due_s, rows, walks = time.time(), 0, 0.0, [], False
     while not stopped and not source.finished:
         now_s = time.time()
-        # Frames are known before the first head.
+        # Transforms are sent before the first head.
         if not walks and now_s - start_s > WARM_UP_S:
             walks = True
             source.open()
-        if asked.sim_time:
+        if arguments.sim_time:
             clocks.publish(Clock(clock=stamp_of(ros_s(now_s, start_s))))
-        if now_s >= tf_due_s and now_s - start_s < asked.silent_tf_after_s:
+        if now_s >= tf_due_s and now_s - start_s < arguments.silent_tf_after_s:
             tf_due_s = now_s + 0.01
             turn, at_m = sensor_pose(now_s)
-            if now_s - start_s > asked.jump_after_s:
+            if now_s - start_s > arguments.jump_after_s:
                 at_m = np.add(at_m, [0.0, 30.0, 0.0])
             tf.publish(
                 TFMessage(transforms=[frame("base_link", "sensor", at_m, turn, stamp_of(ros_s(now_s, start_s)))])
@@ -97,7 +97,7 @@ def main():
             message.header.frame_id, message.header.stamp = "sensor", stamp_of(ros_s(captured_s, start_s))
             place = turn.inv().apply(seen.head_position_base_m - at_m)
             sent += 1
-            if asked.nan_every and sent % asked.nan_every == 0:
+            if arguments.nan_every and sent % arguments.nan_every == 0:
                 place = place * np.nan
             message.pose.position.x, message.pose.position.y, message.pose.position.z = map(float, place)
             message.pose.orientation.w = 0.0
@@ -105,8 +105,8 @@ def main():
             head_m = true_head(source.own_s(np.array([seen.capture_time_s])))[0]
             rows.append([captured_s, time.time(), *head_m])
         time.sleep(0.001)
-    if asked.out:
-        np.save(asked.out, rows)
+    if arguments.out:
+        np.save(arguments.out, rows)
     node.destroy_node()
     rclpy.shutdown()
 

@@ -1,4 +1,4 @@
-"""The job engine: every job once, every result kept, every failure a row, damage noticed; keys and recordings."""
+"""The job engine: jobs run once, results are saved, failures are rows, damage is reported; keys and recordings."""
 
 import os
 import re
@@ -18,7 +18,7 @@ ROW = {"left_out": None, "failed": None, "rms_deg": 1.0 / 3.0, "name": "né", "l
 ROW |= {"error_m": np.array([[0.1, np.nan], [1e-300, -0.0]]), "seen": np.array([True, False])}
 
 
-def test_what_is_kept_is_found_to_the_last_bit(tmp_path):
+def test_saved_results_are_read_back_bit_for_bit(tmp_path):
     kept, found = Cache(tmp_path).keep("key", ROW), Cache(tmp_path).find("key")
     for got in (kept, found):
         assert got.keys() == ROW.keys()
@@ -35,7 +35,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_file_is_noticed_named_and_put_away(damage, tmp_path, capsys):
+def test_a_damaged_result_file_is_reported_and_moved_away(damage, tmp_path, capsys):
     cache = Cache(tmp_path)
     cache.keep("key", ROW)
     path = cache.path("key")
@@ -44,7 +44,7 @@ def test_a_damaged_file_is_noticed_named_and_put_away(damage, tmp_path, capsys):
     path.write_bytes(damaged)
     with pytest.raises(GazempcError, match=re.escape(str(path))):
         read_result(path)
-    assert cache.find("key") is None  # so the job is done again
+    assert cache.find("key") is None  # so the job is repeated
     assert str(path) in capsys.readouterr().err
     assert not path.exists()
     cache.keep("key", ROW)
@@ -59,14 +59,14 @@ def names(folder):
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """Folder and rows of a first run: squares, an array, and every way not to have a result."""
+    """Folder and rows of a first run: squares, an array, and each kind of missing result."""
     folder = tmp_path_factory.mktemp("engine")
     jobs = [Tiny(3), Tiny(1), Tiny(3), Tiny(2, "array"), Tiny(1, "leave out"), Tiny(1, "fail"), Tiny(1, "bug")]
     with Engine(folder, jobs=2) as engine:
         return folder, jobs, engine.run(jobs)
 
 
-def test_results_come_in_the_order_of_the_jobs_and_equal_jobs_are_done_once(first):
+def test_results_keep_job_order_and_equal_jobs_run_once(first):
     folder, _, rows = first
     assert [row.get("square") for row in rows[:4]] == [9, 1, 9, 4]
     np.testing.assert_array_equal(rows[3]["array"], np.full((2, 2), 0.1))
@@ -74,14 +74,14 @@ def test_results_come_in_the_order_of_the_jobs_and_equal_jobs_are_done_once(firs
     assert all(row["pid"] != os.getpid() for row in rows[:4])
 
 
-def test_failures_are_rows_with_their_reason(first):
+def test_a_failed_job_gives_a_row_with_the_reason(first):
     rows = first[2]
     assert rows[4] == {"left_out": "too near", "failed": None}
     assert rows[5] == {"left_out": None, "failed": "no such walk"}
     assert rows[6]["failed"].startswith("TypeError: a bug (tiny_jobs.py, line ")
 
 
-def test_a_second_run_does_only_what_failed(first):
+def test_a_second_run_repeats_only_failed_jobs(first):
     folder, jobs, rows = first
     before = names(folder)
     with Engine(folder, jobs=1) as engine:
@@ -91,7 +91,7 @@ def test_a_second_run_does_only_what_failed(first):
     assert again[6]["failed"] == rows[6]["failed"]
 
 
-def test_a_worker_that_dies_is_said_and_the_rest_is_kept(tmp_path):
+def test_a_killed_worker_is_reported_and_other_results_are_kept(tmp_path):
     with Engine(tmp_path, jobs=1) as engine:
         engine.run([Tiny(1), Tiny(2)])
         with pytest.raises(GazempcError, match=r"a worker process died .*; 2 of 3 results are kept in "):
@@ -99,14 +99,14 @@ def test_a_worker_that_dies_is_said_and_the_rest_is_kept(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_another_program_or_file_in_the_worker_is_no_result():
+def test_a_worker_with_other_code_or_files_reports_a_failure():
     job = Tiny(2)
     assert "is not the one that asks" in carry_out(job, job.key(), "0")["failed"]
     assert "not find the same files" in carry_out(job, "0", program_hash())["failed"]
     assert carry_out(job, job.key(), program_hash())["square"] == 4
 
 
-def test_folders_that_are_recordings_are_found_as_such(tmp_path):
+def test_folders_that_are_recordings_are_listed(tmp_path):
     keypoints = exports.openpose(tmp_path / "walk")
     (tmp_path / "empty").mkdir()
     bag = tmp_path / "bag"
@@ -125,7 +125,7 @@ def test_folders_that_are_recordings_are_found_as_such(tmp_path):
         find_recordings(["subject3_R4"])
 
 
-def test_a_result_depends_on_the_saved_columns_and_on_all_files_of_a_folder(tmp_path):
+def test_the_key_depends_on_saved_columns_and_all_files_of_a_folder(tmp_path):
     path = tmp_path / "a.csv"
     np.savetxt(path, np.eye(4))
     keys = [recording_hash(str(path))]

@@ -15,7 +15,7 @@ from tiny_jobs import Tiny
 from experiments.engine.engine import Engine
 
 ROOT = Path(__file__).resolve().parents[3]
-# A hang would be endless: far more than the 3 s that are promised, so that a busy machine does not matter.
+# Far beyond the documented 3 s, for a loaded machine; a hang would be endless.
 HANG_S = 240
 
 
@@ -39,7 +39,7 @@ def working(folder, *more):
 
 
 def alive(pid):
-    """Whether a process runs; one that nobody has waited for yet does not."""
+    """Whether a process runs; a zombie does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -51,17 +51,17 @@ def alive(pid):
     ("sent", "to"),
     [(signal.SIGINT, os.killpg), (signal.SIGTERM, os.kill)],
 )
-def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, tmp_path):
-    """Ctrl-C goes to all processes of the terminal, SIGTERM to the command."""
+def test_a_signal_ends_command_and_workers_and_keeps_results(sent, to, tmp_path):
+    """Ctrl-C is delivered to all processes of the terminal, SIGTERM to the command."""
     with working(tmp_path) as (process, workers):
         assert len(workers) == 2
         to(process.pid, sent)
         out, error = process.communicate(timeout=HANG_S)
         assert process.returncode == 128 + sent
         assert out == ""
-        said = [line for line in error.splitlines() if line and "%|" not in line]  # without the progress bar
+        messages = [line for line in error.splitlines() if line and "%|" not in line]  # without the progress bar
         kept = f"3 of 7 results are kept in {tmp_path / 'runs'}"
-        assert said == [f"tiny: interrupted: {kept}; run the same command again to go on"]
+        assert messages == [f"tiny: interrupted: {kept}; run the same command again to go on"]
         assert not any(alive(pid) for pid in workers)
     assert len(list((tmp_path / "runs").glob("*.npz"))) == 3
     assert not list((tmp_path / "runs").glob("*.part"))
@@ -69,8 +69,8 @@ def test_a_signal_ends_the_command_and_its_workers_and_keeps_results(sent, to, t
 
 @pytest.mark.slow
 @pytest.mark.parametrize("signals", [[signal.SIGINT] * 2, [signal.SIGKILL]])
-def test_workers_of_a_command_that_ends_at_once_follow(signals, tmp_path):
-    """By a second Ctrl-C, or killed."""
+def test_workers_end_when_their_command_is_killed(signals, tmp_path):
+    """By a second Ctrl-C or SIGKILL."""
     with working(tmp_path) as (process, workers):
         assert all(alive(pid) for pid in workers)
         for sent in signals:
@@ -96,8 +96,8 @@ run_interruptible('stubborn', stubborn, grace_s=0.2)
 """
 
 
-def test_a_command_that_hangs_after_a_signal_is_ended():
-    """Code that swallows the interruption, as a library may, holds nothing up."""
+def test_a_command_that_ignores_the_interrupt_is_ended():
+    """Code that swallows KeyboardInterrupt, as a library may, does not delay the end."""
     with subprocess.Popen([sys.executable, "-c", STUBBORN], cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGTERM)
@@ -124,7 +124,7 @@ def test_results_come_from_the_cluster_and_failures_are_rows(cluster, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_workers_job_is_done_by_another(cluster, tmp_path):
+def test_the_job_of_a_killed_worker_is_rescheduled(cluster, tmp_path):
     log = tmp_path / "log"
     jobs = [Tiny(n, "die once", str(log)) for n in range(2)]
     with Engine(tmp_path / "runs", jobs=1, dask=cluster.scheduler_address) as engine:
@@ -139,7 +139,7 @@ def test_a_signal_cancels_the_jobs_of_a_cluster(cluster, tmp_path):
     with working(tmp_path, cluster.scheduler_address) as (process, _):
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=HANG_S)
-        (tmp_path / "log.over").touch()  # else the end of the cluster waits for what its workers are still at
+        (tmp_path / "log.over").touch()  # otherwise closing the cluster waits for the running jobs
         assert process.returncode == 130
         assert "tiny: interrupted: 3 of 7 results are kept in" in error
         assert "Traceback" not in error

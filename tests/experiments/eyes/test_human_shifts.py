@@ -1,4 +1,4 @@
-"""Shifts of gaze beside those of people: what fits must fit."""
+"""Gaze shifts compared with human data."""
 
 import pytest
 from builders.replays import quick_neck
@@ -12,7 +12,7 @@ HUMAN = with_motion(EYES, "human")
 
 
 @pytest.mark.parametrize(("direction", "amplitude_deg", "share"), [("up", 20, 0.52), ("down", 20, 0.08)])
-def test_head_and_eyes_share_a_shift_as_people_do(direction, amplitude_deg, share):
+def test_head_and_eye_amplitudes_match_human_gaze_shifts(direction, amplitude_deg, share):
     shift = make_shift(HUMAN, "mpc", direction, amplitude_deg)
     assert shift.head_share == pytest.approx(share, abs=0.01)
     assert shift.head_deg[-1] + shift.eye_deg[-1] == pytest.approx(amplitude_deg, abs=0.1)
@@ -20,8 +20,8 @@ def test_head_and_eyes_share_a_shift_as_people_do(direction, amplitude_deg, shar
     assert shift.lead_s == pytest.approx(0.34, abs=0.09)
 
 
-def test_a_shift_sideways_is_scaled_to_the_motors_and_stands_beside_that_of_people():
-    """4.39 times the head's amplitude and 106 deg/s more, by the share that the motors bear."""
+def test_a_shift_is_scaled_to_the_motors_and_tabulated_beside_human_data():
+    """Human peak speed, 4.39 amplitude + 106 deg/s, scaled to the motors."""
     shift, scale = make_shift(HUMAN, "mpc", "sideways", 40), motor_scale(EYES.pan)
     assert shift.head_share == pytest.approx(0.69, abs=0.01)
     assert shift.head_peak_deg_s == pytest.approx(scale * (4.39 * 0.69 * 40 + 106.0), rel=0.1)

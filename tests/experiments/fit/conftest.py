@@ -1,11 +1,11 @@
-"""What the tests of fits share."""
+"""Fixtures of the tests of fits."""
 
 import pytest
 
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled_once(tmp_path_factory):
-    """A program that JAX compiles for one fit does for another of the same shapes."""
+    """JAX caches compiled programs across fits with the same shapes."""
     import jax
 
     jax.config.update("jax_compilation_cache_dir", str(tmp_path_factory.mktemp("jax")))

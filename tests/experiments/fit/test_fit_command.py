@@ -1,4 +1,4 @@
-"""The command that fits the predictor `walker`: what it writes, what it uses again, and who is left out of what."""
+"""The command that fits the predictor `walker`: output, reuse, and leave-one-out splits."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ def settings(folder, **changes):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory, in_this_process):
-    """Folder of a fit that the command made, on few examples: through a slow tracker, and as many rows for each fit."""
+    """Output folder of the fit command on few examples: a slow tracker, equal row counts for each fit."""
     folder = tmp_path_factory.mktemp("finished")
     slow = folder / "slow.toml"
     slow.write_text('name = "slow"\nsource = "a test"\nrate_hz = 5.0\nlatency_s = 0.1\n')
     words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
-    said = io.StringIO()
-    with redirect_stdout(said), pytest.MonkeyPatch.context() as patch:
+    output = io.StringIO()
+    with redirect_stdout(output), pytest.MonkeyPatch.context() as patch:
         patch.setattr("experiments.fit.networks.fit_networks", fitted_once())
         assert main([*words, "--tracker", str(slow), "--jobs", "1", "--out", str(folder / "fit")]) == 0
-    assert "--walker.fitted" in said.getvalue()
+    assert "--walker.fitted" in output.getvalue()
     return folder / "fit"
 
 
 def fitted_once():
-    """Fits the first networks; all others are these, scaled by their own examples: JAX takes seconds for each."""
+    """Fits the first networks; the others are copies scaled by their own examples, as JAX takes seconds for each."""
     first = functools.cache(lambda: fit_networks(Examples(*(column[:30] for column in seen[0])), *seen[1]))
     seen = []
 
@@ -55,7 +55,7 @@ def fitted_once():
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
+def test_the_command_writes_a_model_of_all_people_and_leave_one_out_models(finished):
     everybody = load_walker_model(finished / "walker.npz")
     assert everybody.about["people"] == ["subject01", "subject02"]
     assert everybody.about["recordings"] == ["subject01_R1", "subject02_R4"]
@@ -71,26 +71,26 @@ def test_the_command_writes_a_model_for_all_and_one_for_each_left_out(finished):
 
 
 def constant_model(value):
-    """A model that says the same departure along, whatever it is asked: `value` at each knot in units of its scale."""
+    """A model with a constant departure along the line: `value` at each knot, in units of its scale."""
     bias = NOTHING.biases[0].copy()
     bias[..., DEPARTURES][..., ::3] = value
     return WalkerModel(*3 * (Ensemble(NOTHING.weights, (bias,)),), straight_model().log_spread)
 
 
-def test_errors_are_by_the_model_that_has_not_seen_the_person():
-    """With two clips a person, and models that can be told apart by what they say."""
+def test_errors_are_by_the_model_fitted_without_the_person():
+    """With two clips per person, and models with distinct forecasts."""
     people = ["ann", "bob", "ann", "bob"]
     scoring = [toy(5, k) for k in range(4)]
     found = errors_on_left_out({"ann": constant_model(1.0), "bob": constant_model(2.0)}, people, scoring)
     for person, errors, examples in zip(people, found, scoring, strict=True):
-        said = errors.error_m + examples.departure_m
+        predicted = errors.error_m + examples.departure_m
         expected = {"ann": 1.0, "bob": 2.0}[person] * DEPARTURE_SCALE_M
-        np.testing.assert_allclose(said[1, :, 0], expected, rtol=1e-5)
+        np.testing.assert_allclose(predicted[1, :, 0], expected, rtol=1e-5)
         np.testing.assert_array_equal(errors.weight, examples.weight)
 
 
-def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
-    """The files of examples that each fit reads are those of the others, all of them."""
+def test_networks_are_not_fitted_on_the_person_left_out(tmp_path, monkeypatch):
+    """Each fit reads the example files of all other people."""
     asked = []
 
     def spy(engine, jobs):
@@ -104,7 +104,7 @@ def test_networks_never_see_who_is_left_out(tmp_path, monkeypatch):
         fit(**settings(tmp_path, recordings=tuple(people)))
     examples, scoring, fits = asked
     person_of = {job.key(): people[job.recording] for job in examples}
-    # Errors are measured on other chance than networks are fitted on.
+    # Errors are measured with another random seed than the fit.
     assert [(job.recording, job.seed, job.variants) for job in scoring] == [(name, 1, 0) for name in people]
     read = [[person_of[path.stem] for path in job.examples] for job in fits]
     everybody = ["subject01", "subject02", "subject01"]

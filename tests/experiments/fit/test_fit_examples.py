@@ -1,4 +1,4 @@
-"""Examples on which the predictor `walker` is fitted, and variants of walks and of people who stand."""
+"""Training examples of the predictor `walker`, and variants of walks and of standing people."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def straight_walk(seconds=4.0, speed_m_s=1.2, heading_rad=0.4, sway_m=0.02):
 
 
 def standing(seconds=3.0, at_m=(2.0, 0.0, 1.6)):
-    """Somebody who does not move at all."""
+    """A motionless person."""
     n = round(seconds / FRAME_S)
     return GaplessWalk(np.arange(n) * FRAME_S, np.tile(at_m, (n, 1)), np.zeros(n), np.zeros(n))
 
@@ -53,8 +53,8 @@ def seen(walk, sensor, seed=0):
     return seen_through(walk, "white", load_sensor(sensor), np.random.default_rng(seed))
 
 
-def test_examples_lead_to_where_the_walk_went():
-    """Line plus departure, back in the room, is the true position at each knot, whatever the tracker saw."""
+def test_line_plus_departure_is_the_true_position():
+    """Line plus departure, in the base frame, is the true position at each knot, for any tracker noise."""
     walk = walk_of(load("subject03_R1"))
     observations = seen(walk, "body_tracker")
     examples = examples_of_walk(walk, observations, 0.7)
@@ -84,8 +84,8 @@ def test_examples_lead_to_where_the_walk_went():
     np.testing.assert_allclose(examples.weight, 0.7)
 
 
-def test_who_stands_gives_examples_and_who_runs_none():
-    """Standing people are the networks' business; nobody runs there."""
+def test_standing_gives_examples_and_running_gives_none():
+    """Networks are fitted on standing people and exclude running ones."""
     still = standing()
     rng = np.random.default_rng(0)
     noisy = seen_through(still, "white", load_sensor("reference"), rng)
@@ -99,7 +99,7 @@ def test_who_stands_gives_examples_and_who_runs_none():
     assert late.size == 0 or late.max() < 0.2
 
 
-def test_a_recording_of_which_nothing_is_left_is_named():
+def test_a_recording_without_examples_is_named():
     still = standing()
     nothing = examples_of_walk(still, seen(still, "perfect"), 1.0)  # not even sway, so no direction
     assert nothing.weight.size == 0
@@ -107,7 +107,7 @@ def test_a_recording_of_which_nothing_is_left_is_named():
         _joined([nothing, nothing], "ann_stands")
 
 
-def test_a_bent_walk_has_the_same_heights_and_no_longer_steps():
+def test_bending_a_walk_keeps_heights_and_lengthens_no_step():
     walk = walk_of(load("subject03_R1"))
     bent = bend(walk, np.random.default_rng(4))
     np.testing.assert_array_equal(bent.head_m[:, 2], walk.head_m[:, 2])
@@ -116,12 +116,12 @@ def test_a_bent_walk_has_the_same_heights_and_no_longer_steps():
 
 
 def seen_in(recording, valid):
-    """The recording with a head in these frames only."""
+    """The recording with valid heads in these frames only."""
     head_m = np.where(valid[:, None], recording.truth.head_position_m, np.nan)
     return replace(recording, truth=replace(recording.truth, head_position_m=head_m))
 
 
-def test_a_walk_is_the_longest_stretch_without_a_gap():
+def test_the_longest_interval_without_a_gap_is_used():
     recording = load("subject01_R1")
     valid = np.ones(recording.times_s.size, dtype=bool)
     valid[30:45] = valid[100] = False
@@ -144,7 +144,7 @@ def test_a_walk_without_orientations_is_refused(part):
         walk_of(replace(recording, truth=unknown))
 
 
-def test_starts_and_stops_lead_from_the_spot_to_a_walk_and_back_and_who_stands_stays():
+def test_starts_and_stops_join_standing_and_walking():
     along = np.array([np.cos(0.4), np.sin(0.4)])
     for seed in range(3):
         rng = np.random.default_rng(seed)
@@ -160,7 +160,7 @@ def test_starts_and_stops_lead_from_the_spot_to_a_walk_and_back_and_who_stands_s
         assert speeds(stands, 0.3).max() < 1.5
 
 
-def test_the_robot_stands_beside_the_walk_and_nobody_walks_through_it():
+def test_the_robot_is_beside_the_walk_and_clear_of_it():
     walk, bearings = straight_walk(4.0), []
     for seed in range(20):
         moved = beside(walk, np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""Networks of the predictor `walker`, and the stated uncertainty fitted to errors."""
+"""Networks of the predictor `walker`, and its uncertainty model fitted to errors."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion
 
 
 @pytest.mark.slow
-def test_networks_learn_and_are_the_same_for_the_same_seed_and_blind_ones_have_no_weights_for_yaws():
-    """Shown or hidden, what is said of head and pelvis changes nothing."""
+def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
+    """Orientation inputs of head and pelvis have no effect on blind networks."""
     examples, other = toy(2000, 0), toy(1000, 1)
     fits = [fit_networks(examples, 3, 2, 150, sees_yaws=False) for _ in range(2)]
     for a, b in zip(fits[0][0], fits[1][0], strict=True):
@@ -34,14 +34,14 @@ def test_networks_learn_and_are_the_same_for_the_same_seed_and_blind_ones_have_n
     assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
 
-def test_errors_that_a_tracker_cannot_see_count_less():
-    """Against the inverse of the whole matrix."""
+def test_errors_are_weighted_by_the_inverse_covariance():
+    """Against the inverse of the full covariance."""
     rng = np.random.default_rng(0)
     off_m, usual_m2 = rng.standard_normal((20, 3, 3)), np.array([0.02, 0.08, 0.2]) ** 2
     noises_m2 = [np.pad(random_covariance(rng, (0.4, 0.01, 0.01))[:2, :2], (0, 1)) for _ in range(20)]
     up_m2 = rng.uniform(0.0, 0.1, 20)
-    told = np.array([[n[0, 0], n[1, 1], n[0, 1], up] for n, up in zip(noises_m2, up_m2, strict=True)])
-    found = seen_distance2(off_m, told, usual_m2)
+    stated = np.array([[n[0, 0], n[1, 1], n[0, 1], up] for n, up in zip(noises_m2, up_m2, strict=True)])
+    found = seen_distance2(off_m, stated, usual_m2)
     for i, noise_m2 in enumerate(noises_m2):
         noise_m2[2, 2] = up_m2[i]
         for k, usual in enumerate(usual_m2):
@@ -60,14 +60,14 @@ def t_errors(rng, n, scale, v):
 
 
 def held(error, scale, v):
-    """Shares of errors inside the ellipsoids that should hold 68 and 95 %."""
+    """Empirical coverage of the 68 and 95 % ellipsoids."""
     distance2 = np.sum((error / scale) ** 2, axis=-1)
     distance2 = distance2[np.isfinite(distance2)]
     return [float(np.mean(distance2 <= 3 * f_distribution.ppf(share, 3, v))) for share in (0.68, 0.95)]
 
 
 def some_noise(rng, n):
-    """From 1 to 100 mm, other on each axis and each frame; every third tracker states it, the others do not."""
+    """Noise from 1 to 100 mm, varying by axis and frame; stated for every third tracker."""
     noise_m = np.zeros((n, 3))
     noise_m[::3] = np.exp(rng.uniform(np.log(0.001), np.log(0.1), noise_m[::3].shape))
     return noise_m
@@ -75,8 +75,8 @@ def some_noise(rng, n):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("true_v", "chosen"), [(6.0, (5.0, 7.0)), (np.inf, (19.9, 20.0))])
-def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v, chosen):
-    """Errors drawn with a known dependence of their scale on the reasons for doubt, through a tracker without error."""
+def test_scales_and_tails_are_recovered_with_nominal_coverage(true_v, chosen):
+    """Errors whose scale depends in a known way on the features of the uncertainty model, with an ideal tracker."""
     rng, n = np.random.default_rng(0), 4000
     u = np.column_stack([np.ones(n), rng.uniform(0, 2, (n, 2))])
     true = np.array([np.log(0.05), 0.8, -0.3])
@@ -87,7 +87,7 @@ def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v
     assert chosen[0] <= found.degrees_of_freedom <= chosen[1]
     assert found.log_spread.shape == (3, KNOTS, 3)
     assert found.log_spread_hidden.shape == (found.hidden.shape[1], KNOTS, 3)
-    # A scale of other tails than the true ones is another number; what counts is what it holds.
+    # With other degrees of freedom the scale differs; the coverage must hold.
     off = found.log_scale(u) - np.log(scale)
     assert np.abs(np.mean(off)) < (0.06 if true_v < np.inf else 0.12)
     assert np.std(off) < 0.08
@@ -96,7 +96,7 @@ def test_scales_and_tails_are_recovered_and_ellipsoids_hold_what_they_say(true_v
     np.testing.assert_allclose(inside, (0.68, 0.95), atol=0.025)
 
 
-def test_the_gradient_of_the_likelihood_is_its_slope():
+def test_the_likelihood_gradient_equals_finite_differences():
     rng = np.random.default_rng(0)
     u = np.column_stack([np.ones(40), rng.standard_normal((40, 2))])
     error = t_errors(rng, 40, 0.05, 5.0)
@@ -109,13 +109,13 @@ def test_the_gradient_of_the_likelihood_is_its_slope():
     np.testing.assert_allclose(likelihood(x)[1], expected, atol=2e-6)
 
 
-@pytest.mark.parametrize(("said", "v"), [(0.07, 4.0), (0.16, 20.0)])
-def test_calibration_scales_what_is_stated_too_small_or_too_large(said, v):
+@pytest.mark.parametrize(("scale_m", "v"), [(0.07, 4.0), (0.16, 20.0)])
+def test_calibration_corrects_too_small_and_too_large_scales(scale_m, v):
     rng = np.random.default_rng(0)
     u, error = np.ones((8000, 1)), t_errors(rng, 8000, 0.1, v)
     nothing_hidden = np.zeros((1, 0)), np.zeros((0, KNOTS, 3))
-    before = Spread(np.full((1, KNOTS, 3), np.log(said)), *nothing_hidden, np.zeros(KNOTS), v)
+    before = Spread(np.full((1, KNOTS, 3), np.log(scale_m)), *nothing_hidden, np.zeros(KNOTS), v)
     found = calibrate(before, Found(u, np.zeros((8000, 3)), error, np.ones(8000)))
     np.testing.assert_allclose(np.exp(found.log_spread), 0.1, rtol=0.04)
     assert found.degrees_of_freedom == v
-    np.testing.assert_array_equal(before.log_spread, np.log(said))
+    np.testing.assert_array_equal(before.log_spread, np.log(scale_m))

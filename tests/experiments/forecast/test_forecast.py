@@ -31,7 +31,7 @@ def straight_walk(speed=1.2, heading=0.7, seconds=4.0):
     return recording_from_arrays("line", t, position, in_base_frame=True)
 
 
-def test_last_position_errs_by_speed_times_horizon_along_the_path():
+def test_last_position_error_is_speed_times_horizon():
     errors = forecast_errors(straight_walk(), LastPosition(), load_sensor("perfect"), HORIZONS, 0)
     for i, horizon in enumerate(HORIZONS):
         parts = errors.difference_m[:, i][np.isfinite(errors.difference_m[:, i, 0])]
@@ -39,7 +39,7 @@ def test_last_position_errs_by_speed_times_horizon_along_the_path():
         assert parts[:, 1:] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_perfect_has_no_error_and_constant_velocity_next_to_none_on_a_line():
+def test_on_a_line_perfect_is_exact_and_constant_velocity_nearly_so():
     walk = straight_walk()
     perfect = forecast_errors(walk, Perfect(TrueHead(walk)), load_sensor("perfect"), HORIZONS, 0)
     assert np.nanmax(np.abs(perfect.difference_m)) < 1e-12
@@ -55,7 +55,7 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
     truth, rng = TrueHead(walk), np.random.default_rng(0)
     spread = np.diag([0.01, 0.04, 0.0025])
 
-    class Honest(Perfect):
+    class Calibrated(Perfect):
         def forecast(self, times_s):
             forecast = super().forecast(times_s)
             noise = rng.multivariate_normal(np.zeros(3), spread, size=len(times_s))
@@ -66,7 +66,7 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
                 forecast.issued_at_s,
             )
 
-    nees = forecast_errors(walk, Honest(truth), load_sensor("perfect"), HORIZONS, 0).nees
+    nees = forecast_errors(walk, Calibrated(truth), load_sensor("perfect"), HORIZONS, 0).nees
     assert np.nanmean(nees) == pytest.approx(3.0, rel=0.04)
     known = nees[np.isfinite(nees)]
     assert np.mean(known <= 3.5059) == pytest.approx(0.68, abs=0.02)
@@ -75,14 +75,14 @@ def test_a_calibrated_forecast_has_nees_3_and_nominal_coverage():
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory, in_this_process):
-    """Folder and output of the command: people who stand and walk, and a predictor that fails."""
-    folder, said = tmp_path_factory.mktemp("compared"), io.StringIO()
+    """Output folder and text of the command: standing and walking people, and a failing predictor."""
+    folder, output = tmp_path_factory.mktemp("compared"), io.StringIO()
     words = ["--recordings", "subject01_stand", "subject01_R1", "subject02_R4", "--horizons", "0.5", "--jobs", "1"]
     words += ["--no-figures", "--predictors", "default", "last_position", "constant_velocity"]
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output):
         own = own_module(folder, patch)
         assert main([*words, f"{own}:Failing", "--out", str(folder / "out")]) == 4
-    return folder / "out", json.loads((folder / "out" / "summary.json").read_text()), said.getvalue()
+    return folder / "out", json.loads((folder / "out" / "summary.json").read_text()), output.getvalue()
 
 
 def test_the_command_writes_the_table(compared):
@@ -105,7 +105,7 @@ def test_the_command_writes_the_table(compared):
     assert sorted(of_clips["names"]) == ["subject01_R1", "subject01_stand", "subject02_R4"]
 
 
-def test_people_who_stand_are_compared_with_the_last_position_too(compared):
+def test_standing_people_are_compared_with_last_position(compared):
     folder, summary, _ = compared
     error_mm = {(r["predictor"], r["group"], r["kind"]): r["error_true_mm"] for r in summary["rows"]}
     lines = [line.split(" | ") for line in (folder / "summary.md").read_text().splitlines() if line.startswith("| ")]
@@ -118,7 +118,7 @@ def test_people_who_stand_are_compared_with_the_last_position_too(compared):
     assert of_cv["straight"] == "-"
 
 
-def test_a_predictor_that_fails_is_named_with_the_recordings(compared):
+def test_a_failing_predictor_is_named_with_the_recordings(compared):
     _, summary, printed = compared
     own = "my_parts:Failing"
     assert f"failed: {own} on subject01_R1: TypeError" in printed
@@ -127,8 +127,8 @@ def test_a_predictor_that_fails_is_named_with_the_recordings(compared):
     assert all("too often" in f["failed"] for f in summary["failed"])
 
 
-def test_hidden_cues_are_not_seen():
-    """The paper's rule without one of its two angles is the filter alone; with both it is not."""
+def test_hidden_cues_do_not_reach_the_predictor():
+    """Without one of its two angles the paper's rule equals the filter; with both it differs."""
     walk = load("subject04_R5")
     sensor = load_sensor("reference")
     plain = forecast_errors(walk, ConstantVelocity(), sensor, HORIZONS, 0)
@@ -138,8 +138,8 @@ def test_hidden_cues_are_not_seen():
     assert not np.array_equal(forecast_errors(walk, HeadPose(), sensor, HORIZONS, 0).difference_m, plain.difference_m)
 
 
-def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name(tmp_path, monkeypatch):
-    """With the settings of `constant_velocity` it errs as that does; with others it does not."""
+def test_a_user_defined_predictor_is_compared_with_its_options_and_name(tmp_path, monkeypatch):
+    """With the settings of `constant_velocity` its errors are equal; with others they differ."""
     own = own_module(tmp_path, monkeypatch)
     words = {"recordings": ["subject01_R4"], "predictors": ["constant_velocity", f"{own}:Steady"], "jobs": 1}
     plain, steady = forecast(**words, out=tmp_path / "out")
@@ -150,8 +150,8 @@ def test_a_predictor_of_ones_own_is_compared_with_its_options_and_under_its_name
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3
 
 
-def test_a_sensor_with_a_line_of_sight_stands_beside_the_walk_where_no_robot_stood():
-    """For others the recording's own frame serves, and where a robot stood, for all."""
+def test_a_line_of_sight_sensor_without_robot_is_placed_beside_the_walk():
+    """Other sensors, and recordings made by a robot, use the recording's own frame."""
     own = load("subject01_R4")
     elsewhere, camera = replace(own, has_robot=False), load_sensor("face_camera")
     for name in ("perfect", "reference", "body_tracker", "street"):
@@ -172,13 +172,13 @@ def smoothed_m(times_s, head_m, valid=True):
     return smooth_truth(replace(made, truth=truth), OVER_S).truth.head_position_m
 
 
-def test_a_steady_walk_stays_as_it_is_to_its_ends_in_uneven_frames():
+def test_smoothing_keeps_a_steady_walk_at_uneven_frames():
     times_s = np.sort(np.random.default_rng(0).uniform(0.0, 3.0, 90))
     head_m = np.array([1.0, 2.0, 1.6]) + np.outer(times_s, [1.2, -0.3, 0.0])
     np.testing.assert_allclose(smoothed_m(times_s, head_m), head_m, atol=1e-12)
 
 
-def test_a_wave_is_lowered_by_its_sinc_and_does_not_lag():
+def test_smoothing_scales_a_sine_by_its_sinc_without_lag():
     times_s = np.arange(0.0, 6.0, 0.01)
     rate_rad_s = 2.0 * np.pi * 1.5
     wave_m = np.stack([np.sin(rate_rad_s * times_s), np.cos(rate_rad_s * times_s), 0 * times_s], axis=1)
@@ -188,7 +188,7 @@ def test_a_wave_is_lowered_by_its_sinc_and_does_not_lag():
     np.testing.assert_allclose(smooth[inner], lowered * wave_m[inner], atol=1e-3)
 
 
-def test_nothing_is_averaged_over_a_gap():
+def test_smoothing_does_not_cross_a_gap():
     times_s = np.arange(0.0, 2.0, 0.02)
     side_m = np.where(times_s < 1.0, 0.0, 5.0)
     head_m = np.stack([side_m, side_m, 0 * side_m], axis=1)
@@ -198,8 +198,8 @@ def test_nothing_is_averaged_over_a_gap():
     assert np.isnan(smooth[~valid]).all()
 
 
-def test_smoothed_truth_scores_what_the_track_hides(tmp_path):
-    """Frames are off by 20 mm across, to and fro: so is the last position against the smooth truth."""
+def test_errors_against_smoothed_truth_exclude_track_noise(tmp_path):
+    """Frames alternate by 20 mm across the path; so does the error of the last position against the smoothed truth."""
     times_s = np.arange(0, 4.0, 0.02)
     off_m = 0.02 * (-1.0) ** np.arange(times_s.size)
     rows = np.stack([times_s, 0.5 * times_s, 3.0 + off_m, np.full_like(times_s, 1.6)], axis=1)
@@ -232,7 +232,7 @@ def clip(recording, predictor, error_m, freedom=np.inf, nees=1.0):
     return labels | {"group": "turn", "kind": None, "seen": False} | vars(errors)
 
 
-def test_coverage_in_the_table_is_that_of_the_stated_tails():
+def test_table_coverage_uses_the_stated_degrees_of_freedom():
     """A NEES of 9 is beyond the 95 % of a normal distribution (7.8), and within those of t with 4 (9.9)."""
     (_, normal) = summarise([clip("a", "normal", 1.0, np.inf, 9.0)])
     (_, tailed) = summarise([clip("a", "tailed", 1.0, 4.0, 9.0)])

@@ -1,4 +1,4 @@
-"""The command of the paper: what it writes is what the rows say; and real people."""
+"""The command of the paper: its report against the rows, and real people."""
 
 import csv
 import json
@@ -25,7 +25,7 @@ WALKS = ("subject01_R1", "subject01_R4", "subject02_R2", "subject02_R6", "subjec
 
 
 def write_walks(folder):
-    """Their first frames as CSV files; who walks and the group stand in the index."""
+    """Write the first frames as CSV files; subject and group are in the index."""
     folder.mkdir()
     lines = ["clip,subject,group"]
     for name in WALKS:
@@ -49,7 +49,7 @@ def validated(tmp_path_factory, in_this_process):
 
 
 @pytest.mark.slow
-def test_the_command_writes_what_the_rows_say(validated):
+def test_the_report_equals_statistics_of_the_rows(validated):
     """Means and tests recomputed from the rows of jobs done here, with the saved weights."""
     folder, out = validated
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
@@ -81,7 +81,7 @@ def test_the_command_writes_what_the_rows_say(validated):
 
 
 @pytest.mark.slow
-def test_both_data_sets_stand_beside_what_is_published(validated):
+def test_both_data_sets_are_tabulated_beside_published_values(validated):
     summary = json.loads((validated[1] / "summary.json").read_text(encoding="utf-8"))
     few = summary | {"groups": summary["groups"][:2]}
     lines = {line.split(" | ")[0].strip("| "): line for line in side_by_side({"all": summary, "few": few}).split("\n")}
@@ -96,7 +96,7 @@ def test_both_data_sets_stand_beside_what_is_published(validated):
 
 
 @pytest.mark.slow
-def test_a_standing_person_does_not_spoil_the_summary(monkeypatch):
+def test_a_standing_person_has_no_yaw_against_travel(monkeypatch):
     """A standing person is `straight` and has no direction of travel, so never a yaw against it."""
     still_m = np.tile([2.0, 0.5, 0.4], (75, 1))
     walks = {"a": line_m(75), "b": line_m(75, velocity_m_s=(0.5, 0.5, 0.0)), "c": still_m}
@@ -108,12 +108,12 @@ def test_a_standing_person_does_not_spoil_the_summary(monkeypatch):
         for t in (TUNED_TIME_S, SLOW_TIME_S)
     }
     summary = analyse(rows, TUNED_TIME_S, 0, 3)
-    # What is published has a test of its own.
+    # Published values have a test of their own.
     json.dumps({k: v for k, v in summary.items() if k != "published"}, allow_nan=False)
 
 
 @pytest.mark.slow
-def test_on_real_straight_walks_the_papers_rule_costs_and_the_other_one_helps(walks_dir):
+def test_on_real_straight_walks_the_papers_rule_errs_more_and_the_other_less(walks_dir):
     with (walks_dir / "index.csv").open(newline="", encoding="utf-8") as file:
         clips = [r["clip"] for r in csv.DictReader(file) if r["group"] == "straight"]
     jobs = [FrameJob(str(walks_dir / f"{clip}.csv"), TUNED_TIME_S, ("paper", "both"), 0) for clip in clips]

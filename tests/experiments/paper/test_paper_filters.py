@@ -1,4 +1,4 @@
-"""What the paper's statistics imply, the filter's time constant, and what a turn costs who goes straight on."""
+"""Sample sizes implied by the paper's statistics, the filter's time constant, and straight-line error on turns."""
 
 import numpy as np
 import pytest
@@ -28,13 +28,13 @@ def test_the_printed_statistics_imply_2808_and_2734_frames_and_at_least_1582():
     assert np.isnan(implied["R12"].thinned_p_value)
     assert implied["R34"].per_video == pytest.approx(2808 / 28)
     assert implied["R12"].per_video == pytest.approx(1582 / 28)
-    for p in PUBLISHED[1:]:  # the numbers beside do not round to the printed p value
+    for p in PUBLISHED[1:]:  # adjacent sizes do not round to the printed p value
         fits = {n for n in range(2600, 3000) if printed_p(p.statistic, n, 3) == f"{p.p_value:.2e}"}
         assert fits == {implied[p.group].fewest}
 
 
-def test_the_published_test_of_straight_routes_asked_the_other_way_round():
-    """Half of the possible rank sums lie above the printed one: the baseline errs less."""
+def test_the_opposite_tail_of_the_published_straight_route_test():
+    """Half of the possible rank sums lie above the printed one: the baseline error is smaller."""
     straight = implied_frames(PUBLISHED[0])
     assert straight.worse_p_value == pytest.approx(0.0048, abs=1e-4)
     assert straight.effect[1] < straight.effect[0] < 0
@@ -49,7 +49,7 @@ FRAME_S = 1 / 30
 
 
 @pytest.mark.parametrize("time_s", [0.4, 1.0, 2.0])
-def test_the_steady_filter_has_this_natural_frequency_and_damping(time_s):
+def test_natural_frequency_and_damping_of_the_steady_state_filter(time_s):
     """Poles of the steady-state Kalman filter by Riccati's equation."""
     F, H = np.array([[1.0, FRAME_S], [0.0, 1.0]]), np.array([[1.0, 0.0]])
     Q = acceleration_psd(time_s) * np.array([[FRAME_S**3 / 3, FRAME_S**2 / 2], [FRAME_S**2 / 2, FRAME_S]])
@@ -85,7 +85,7 @@ def test_the_sweep_by_hand():
     assert len(table) == 2 * 2 * 2 + 2 * 2
     row = table[0.1, "filtered", 0.5, "R12"]
     assert row["baseline_mm"] == pytest.approx(200)
-    # Together: 600 + 200 w + |800 w - 400| is least at 0.5.
+    # Sum: 600 + 200 w + |800 w - 400| has its minimum at 0.5.
     assert row["weight"] == pytest.approx(0.5, abs=1e-5)
     assert row["error_at_weight_mm"] == pytest.approx(700 / 3, abs=0.01)
     other = table[0.1, "filtered", 0.5, "R34"]
@@ -98,7 +98,7 @@ def test_the_sweep_by_hand():
 
 
 @given(way_m=st.floats(0.05, 2.0), turn_rad=st.floats(-6.0, 6.0, allow_subnormal=False))
-def test_error_of_going_straight_on_by_walking_the_arc(way_m, turn_rad):
+def test_straight_line_error_equals_the_integrated_arc(way_m, turn_rad):
     """The arc in 4000 short steps, each in the direction at its middle."""
     direction = turn_rad * (np.arange(4000) + 0.5) / 4000
     end = way_m / 4000 * np.array([np.cos(direction).sum(), np.sin(direction).sum()])
@@ -109,7 +109,7 @@ def test_error_of_going_straight_on_by_walking_the_arc(way_m, turn_rad):
 def test_the_turn_needed_is_the_inverse(way_m, turn_rad):
     needed = turn_needed_rad(way_m, turn_error_m(way_m, turn_rad))
     assert turn_error_m(way_m, needed) == pytest.approx(turn_error_m(way_m, turn_rad), abs=1e-9)
-    assert needed == pytest.approx(turn_rad, rel=1e-3, abs=1e-6) or turn_rad > 4.0  # flat near the largest
+    assert needed == pytest.approx(turn_rad, rel=1e-3, abs=1e-6) or turn_rad > 4.0  # flat near the maximum
 
 
 def test_turns_needed_by_hand():
@@ -125,4 +125,4 @@ def test_turns_needed_by_hand():
     assert straight["turn_p95_deg"] == pytest.approx(6 + 0.8 * 4)  # linear between the 4th and the 5th of five
     assert turn_error_m(0.7, np.radians(straight["turn_needed_deg"])) == pytest.approx(0.122)
     assert sharp["group"] == "R56"
-    assert sharp["turn_needed_deg"] is None  # 559 mm on a way of 250 mm
+    assert sharp["turn_needed_deg"] is None  # 559 mm on a path of 250 mm

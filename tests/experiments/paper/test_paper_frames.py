@@ -1,4 +1,4 @@
-"""Errors at frames, against the predictor run with each weight and against walks whose errors are known."""
+"""Errors at frames, against the predictor with each weight and walks with known errors."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def sightings_of(name, seed=0):
     ],
 )
 def test_the_error_at_any_weight_is_that_of_the_predictor_run_with_it(name, rule, options):
-    """And for the paper's rule that of equations 1 to 5 written out, d_kalman by hand from the filter's state."""
+    """For the paper's rule also against equations 1 to 5, d_kalman computed from the filter's state."""
     psd, weight = 0.01**2 / 30 / TUNED_TIME_S**4, 0.3
     placed, observations = sightings_of(name)
     kalman = ConstantVelocity(psd, 0.01, gated=False)
@@ -82,7 +82,7 @@ def test_the_error_at_any_weight_is_that_of_the_predictor_run_with_it(name, rule
     assert np.abs(own.turn_m).max() > 0.01
 
 
-def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
+def test_a_constant_head_yaw_rotates_the_step_by_that_angle(monkeypatch):
     """Rotating s by a moves its end by 2 s sin(a / 2), to the left of travel; the body faces x, travel is aside."""
     row = made_errors(monkeypatch, line_m(), rules=tuple(RULES), head_deg=20.0)
     heading_deg = np.degrees(np.arctan2(VELOCITY_M_S[1], VELOCITY_M_S[0]))
@@ -101,8 +101,8 @@ def test_a_head_turned_for_good_turns_the_step_by_that_angle(monkeypatch):
         assert np.all(np.diff(np.abs(removed.yaw_deg[10:])) < 0)
 
 
-def test_a_frame_whose_future_was_not_seen_is_not_scored(monkeypatch):
-    """Half a second is missing: frames before it are judged only if the frame 15 later is there."""
+def test_a_frame_without_observed_future_is_not_scored(monkeypatch):
+    """Half a second is missing: earlier frames are scored only if the frame 15 later exists."""
     valid = np.ones(120, dtype=bool)
     valid[60:75] = False
     row = made_errors(monkeypatch, line_m(), valid=valid)

@@ -1,4 +1,4 @@
-"""Tests over frames and over people, against sums by hand and enumerations; tuned weights against the exact ones."""
+"""Tests over frames and over people, against rank sums by hand and enumeration; tuned weights against exact ones."""
 
 import dataclasses
 import itertools
@@ -41,7 +41,7 @@ def swapped(judged):
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10_000))
-def test_the_test_over_frames_is_the_rank_sum_by_hand(seed):
+def test_the_frame_test_is_the_signed_rank_sum_by_hand(seed):
     rng = np.random.default_rng(seed)
     judged = []
     for k, size in enumerate(rng.integers(16, 60, 3)):
@@ -69,7 +69,7 @@ def test_the_test_over_frames_is_the_rank_sum_by_hand(seed):
 
 
 def enumerated(gains):
-    """p values better, worse and either way, over all signs that the people's gains could have had."""
+    """p values better, worse and two-sided, over all sign patterns of the people's gains."""
     gains = np.array([g for g in gains if g])
     size = np.abs(gains)
     ranks = np.array([(size < s).sum() + ((size == s).sum() + 1) / 2 for s in size])
@@ -85,7 +85,7 @@ def enumerated(gains):
 @given(
     gains=st.lists(st.floats(-50, 50).filter(lambda g: abs(g) > 0.01), min_size=2, max_size=8), seed=st.integers(0, 99)
 )
-def test_the_test_over_people_is_exact(gains, seed):
+def test_the_test_over_people_enumerates_all_signs(gains, seed):
     sizes = np.sort(np.abs(gains))
     assume(np.diff(sizes).min() > 1e-6)
     judged = judged_of(gains, seed)
@@ -120,7 +120,7 @@ def random_videos(seed, count=3, size=40):
     videos = []
     for k in range(count):
         turn = 0.1 * rng.standard_normal((size, 3))
-        # Optima on either side of the bounds and between them.
+        # Optima below, between and above the bounds.
         base = -rng.uniform(-0.5, 1.5) * turn + 0.05 * rng.standard_normal((size, 3))
         videos.append(video(base, turn, subject=f"s{k}", name=f"v{k}"))
     return videos
@@ -128,7 +128,7 @@ def random_videos(seed, count=3, size=40):
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10_000))
-def test_the_exact_weight_is_the_least_on_a_fine_grid(seed):
+def test_the_exact_weight_minimises_a_fine_grid(seed):
     videos = random_videos(seed, count=1)
     base, turn = videos[0].base_m, videos[0].turn_m
     grid = np.linspace(0, 1, 2001)
@@ -139,8 +139,8 @@ def test_the_exact_weight_is_the_least_on_a_fine_grid(seed):
     assert abs(weight - grid[np.argmin(totals)]) <= 1.01 / 2000
 
 
-def test_who_is_judged_is_not_tuned_on():
-    """Only c's frames ask for w = 1, and they outweigh the others', who ask for 0; c has two videos."""
+def test_weights_are_tuned_without_the_tested_person():
+    """Only c's frames, the majority, have the optimum w = 1; the others have 0; c has two videos."""
     turn = np.tile([0.1, 0.0, 0.0], (20, 1))
     videos = [
         video(-10 * turn, 10 * turn, "c", name="c1"),

@@ -1,4 +1,4 @@
-"""Engagement on recordings, and the least time of a switch."""
+"""Engagement on recordings, and the minimum time of a switch."""
 
 import numpy as np
 import pytest
@@ -9,14 +9,14 @@ from gazempc.neck.spec import load_neck
 
 
 @pytest.mark.slow
-def test_engagement_on_recordings_is_right_for_at_least_95_percent_of_the_decided_time(bags_dir):
+def test_engagement_is_correct_for_95_percent_of_decided_time(bags_dir):
     found = decided(bags_dir)
     assert found.right_s + found.wrong_s > 60.0
     assert found.right_s / (found.right_s + found.wrong_s) >= 0.95
 
 
-def test_the_least_time_is_that_of_the_fastest_motion():
-    """Without a limit of velocity or jerk half of the way is speeding up: angle = a t^2 / 4."""
+def test_the_minimum_time_is_that_of_bang_bang_acceleration():
+    """Without velocity and jerk limits half of the motion accelerates: angle = a t^2 / 4."""
     neck = load_neck("reference")
     limits = {"velocity_max_rad_s": 900.0, "acceleration_max_rad_s2": 10.0, "jerk_max_rad_s3": 1e8}
     quick = neck.model_copy(update={"pan": neck.pan.model_copy(update=limits)})

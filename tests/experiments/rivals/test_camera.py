@@ -1,4 +1,4 @@
-"""The camera on the head, and directions and points from a place in its image, against trigonometry by hand."""
+"""The head-mounted camera, and directions and points from image positions, against trigonometry by hand."""
 
 import math
 
@@ -25,7 +25,7 @@ def seen(position_m: list[float], joints_deg: tuple[float, float] = (0.0, 0.0), 
     return detect(RIGHT_ANGLED, geometry, np.deg2rad(joints_deg), sighting, np.random.default_rng(0))
 
 
-def test_the_face_is_where_a_pinhole_shows_it() -> None:
+def test_the_face_is_at_its_pinhole_projection() -> None:
     face = seen([2.0, 0.5, -0.2])
     # tan 45 deg is 1; tan 30 deg is 0.577. Left is negative x, down is positive y.
     np.testing.assert_allclose(face.offset, [-0.25, 0.1 / math.tan(math.radians(30.0))])
@@ -36,11 +36,11 @@ def test_the_face_is_where_a_pinhole_shows_it() -> None:
 
 
 @pytest.mark.parametrize("position_m", [[2.0, 2.1, 0.0], [2.0, 0.0, -1.3], [-2.0, 0.1, 0.0]])
-def test_who_is_out_of_view_is_not_seen(position_m: list[float]) -> None:
+def test_people_outside_the_view_are_not_detected(position_m: list[float]) -> None:
     assert seen(position_m) is None
 
 
-def test_a_sensor_is_put_on_the_head_and_keeps_a_view_of_its_own() -> None:
+def test_a_sensor_moves_to_the_head_and_keeps_its_field_of_view() -> None:
     on_base = load_sensor("face_camera")
     moved = on_the_head(on_base)
     assert moved.view == FieldOfView(on="head", horizontal_deg=102.0, vertical_deg=67.0)
@@ -53,14 +53,14 @@ def test_a_sensor_is_put_on_the_head_and_keeps_a_view_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("head_deg", [(0.0, 0.0), (50.0, -20.0), (-170.0, 30.0)])
-def test_the_bearing_is_the_persons_whatever_the_heads_angles(head_deg):
+def test_the_bearing_is_independent_of_the_head_angles(head_deg):
     person_deg = np.add(head_deg, [-18.0, 11.0])
     head_rad = np.deg2rad(head_deg)
     found = bearing_rad(CAMERA, offset_of(person_deg, head_rad, CAMERA), head_rad)
     np.testing.assert_allclose(np.rad2deg(found), person_deg, atol=1e-9)
 
 
-def test_the_point_is_where_the_eye_sees_it():
+def test_the_point_is_on_the_line_of_sight_of_the_eye():
     geometry = load_neck("pr2").geometry
     point_m, head_rad = np.array([1.5, 0.4, 0.3]), look_at_rad(geometry, np.array([1.5, 0.4, 0.3]))
     range_m = float(np.linalg.norm(point_m - gaze_ray(geometry, head_rad)[0]))
@@ -68,14 +68,14 @@ def test_the_point_is_where_the_eye_sees_it():
     np.testing.assert_allclose(point_base_m(geometry, CAMERA, detection, head_rad), point_m, atol=1e-9)
 
 
-def test_a_detector_takes_every_third_frame_of_thirty_a_second_for_ten():
+def test_a_10_hz_detector_takes_every_third_frame_at_30_hz():
     frames = tuple(Detection(k / 30, k / 30, np.zeros(2), 1.0, np.ones(2)) for k in range(10))
     taken = [round(d.capture_time_s * 30) for d in FrameRate(0.1).take(frames)]
     assert taken == [0, 3, 6, 9]
 
 
 def test_the_one_euro_filter_of_a_step_is_a_low_pass_of_its_cutoff():
-    """With beta = 0 each step closes the share w / (w + 1), w = 2 pi f dt."""
+    """With beta = 0 the smoothing factor is w / (w + 1), w = 2 pi f dt."""
     one_euro = OneEuro(1.1, 0.0, 1.0)
     one_euro.update(np.zeros(1), 0.1)
     w = 2.0 * np.pi * 1.1 * 0.1

@@ -14,7 +14,7 @@ def run_of(law, zone, reversals, constants="{}", device="cheap"):
     return row | {"law": law, "constants": constants, "device": device, "subject": "a"}
 
 
-def test_the_shown_constants_have_most_time_in_zone_and_of_level_ones_fewest_reversals():
+def test_constants_maximise_time_in_zone_then_minimise_reversals():
     runs = [run_of("op3", 0.9, 20.0, "a"), run_of("op3", 0.895, 10.0, "b"), run_of("op3", 0.5, 0.0, "c")]
     (row,) = summarise(runs)
     assert (row["constants"], row["reversals_per_min"]) == ("b", 10.0)
@@ -39,7 +39,7 @@ def test_an_unknown_law_or_device_is_refused_with_the_nearest_name(option, word,
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
-def test_the_command_writes_table_and_picture_and_names_first_where_ours_is_worse(tmp_path, capsys):
+def test_the_report_first_names_where_the_mpc_is_worse(tmp_path, capsys):
     words = ["--recordings", "subject01_R1", "--laws", "pixel_pid", OURS, "--devices", "good"]
     assert main([*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "framing.json").read_text())["rows"]

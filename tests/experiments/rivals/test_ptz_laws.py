@@ -11,11 +11,11 @@ TOP = neck_with(velocity_max_rad_s=1.0)
 
 
 def frames(course, rate_hz=30.0):
-    """The answers of pan, one a frame, from the arrival of the first frame on."""
+    """Pan commands, one per frame, from the arrival of the first frame on."""
     return course.command[np.round(np.arange(0.1, course.time_s[-1], 1.0 / rate_hz) * 1000).astype(int) + 2, 0]
 
 
-def test_autoptz_rises_by_3_a_second_and_falls_at_once():
+def test_autoptz_speed_ramps_up_by_3_a_second_and_stops_at_once():
     course = run(AutoPtz(TOP, CAMERA), standing(42.0), 1.0, Plant(dead_time_s=2.0), seen=lambda t: t < 0.5)
     u = frames(course)
     np.testing.assert_allclose(u[:4], [0.1, 0.2, 0.3, 0.4], atol=3e-3)
@@ -24,8 +24,8 @@ def test_autoptz_rises_by_3_a_second_and_falls_at_once():
     assert np.abs(course.command[course.time_s < 0.55]).max() > 0.5
 
 
-def test_autoptz_rests_in_the_middle_until_the_face_is_outside_of_the_zone():
-    """0.35 and 1.25 of a zone of 0.15 half images are 3.0 and 10.6 deg; a face that creeps out has no velocity."""
+def test_autoptz_has_a_dead_zone_with_hysteresis():
+    """0.35 and 1.25 of a zone of 0.15 half images are 3.0 and 10.6 deg; a slow face has no velocity estimate."""
     still = run(AutoPtz(NECK, CAMERA), standing(2.9), 1.0, Plant(dead_time_s=99.0))
     assert (still.command == 0.0).all()
     course = run(AutoPtz(NECK, CAMERA), ramp(1.0), 13.0, Plant(dead_time_s=99.0), dt_s=0.01)
@@ -33,7 +33,7 @@ def test_autoptz_rests_in_the_middle_until_the_face_is_outside_of_the_zone():
     assert 10.6 < began_deg < 10.6 + 1.0 * (0.1 + 0.1 + 0.2)
 
 
-def test_autoptz_gives_the_speed_of_its_formulas_for_a_face_that_stays_where_it_is():
+def test_autoptz_speed_for_a_still_face_is_that_of_its_formula():
     """By hand: the error beyond the dead zone times 0.6 and the gain, to the power of 1.2."""
     course = run(AutoPtz(TOP, CAMERA), standing(20.0), 6.0, Plant(dead_time_s=99.0))
     error = np.tan(np.deg2rad(20.0)) - 0.35 * 0.15
@@ -41,15 +41,15 @@ def test_autoptz_gives_the_speed_of_its_formulas_for_a_face_that_stays_where_it_
     assert course.command[-1, 0] == pytest.approx((gain * 0.6 * error) ** 1.2, rel=1e-3)
 
 
-def test_visca_speeds():
+def test_visca_speeds_are_integer_steps():
     u = np.array([0.49, 0.5, 1.24, 1.25, 1.84, 1.85, 3.4, 3.6, 19.2, 40.0])
     np.testing.assert_array_equal(visca_speed(np.stack([u, -u], axis=-1))[:, 0], [0, 1, 1, 2, 2, 3, 3, 4, 19, 24])
     np.testing.assert_array_equal(visca_speed(np.stack([u, -u], axis=-1))[-2:, 1], [-19, -20])
 
 
 @pytest.mark.parametrize(("fps", "gain"), [(30.0, 10.5), (60.0, 5.27)])
-def test_the_gain_of_obs_face_tracker_is_that_of_the_frame_rate(fps, gain):
-    """At the second frame integral and low-pass have hardly begun: u is about gain * e / N."""
+def test_the_gain_of_obs_face_tracker_scales_with_the_frame_interval(fps, gain):
+    """At the second frame integral and low-pass are near zero: u is about gain * e / N."""
     seen_by = camera(rate_hz=fps)
     course = run(ObsFaceTracker(TOP, seen_by), standing(40.0), 0.2, Plant(dead_time_s=2.0), seen_by)
     error_px = np.tan(np.deg2rad(40.0)) * 640.0
@@ -66,14 +66,14 @@ def test_the_integral_of_obs_face_tracker_rises_by_0_3_a_second():
     assert course.command[int(2.0 / 0.002), 0] < 3.0 / 24.0
 
 
-def test_the_pixel_pid_is_late_on_a_ramp_by_the_rate_over_its_integral_gain():
-    """The integral turns 0.08 degrees a second for a pixel: at 2 deg/s the face is 25 px off."""
+def test_the_pixel_pid_ramp_error_is_rate_over_integral_gain():
+    """The integral gain is 0.08 deg/s per pixel: at 2 deg/s the error is 25 px."""
     course = run(PixelPid(NECK, CAMERA), ramp(2.0), 20.0, dt_s=0.005)
     late_deg = np.rad2deg(np.arctan(2.0 / 0.08 / 160.0))
     assert course.lag_s(2.0, 5.0) * 2.0 == pytest.approx(late_deg, abs=0.5)
 
 
-def test_the_pixel_pid_sends_whole_degrees_and_keeps_its_integral_when_it_sees_nobody():
+def test_the_pixel_pid_rounds_to_degrees_and_holds_its_integral_without_a_face():
     course = run(PixelPid(NECK, CAMERA), standing(20.0), 16.0, seen=lambda t: t < 12.0, dt_s=0.005)
     sent_deg = np.rad2deg(course.command)
     np.testing.assert_allclose(sent_deg, np.round(sent_deg), atol=1e-9)
@@ -87,7 +87,7 @@ KNOWN = MoveTime(offset_s=0.5, slope_s=1.0, zero_move_s=0.5)
 
 
 @pytest.mark.parametrize(("move_time", "px"), [(KNOWN, 131.0), (None, 49.0)])
-def test_a_box_200_px_tall_is_followed_from_131_or_49_px_on(move_time, px):
+def test_the_dead_band_of_a_200_px_box_is_131_or_49_px(move_time, px):
     """A face that stands has a velocity of zero, which is a valid one."""
     # A box of 200 px: its range follows from the face's height.
     range_m = 0.24 / 200.0 * 720.0 / (2.0 * np.tan(PROMPT.half_height_rad))
@@ -95,7 +95,7 @@ def test_a_box_200_px_tall_is_followed_from_131_or_49_px_on(move_time, px):
         law = Frigate(NECK, PROMPT, move_time=move_time, faces_tall=1.0)
         off_deg = np.rad2deg(np.arctan(off_px / 640.0))
 
-        # The first frame knows no velocity: there the person is in the middle.
+        # The first frame gives no velocity: the person is in the centre.
         def person(time_s, off_deg=off_deg):
             return (0.0 if time_s < 0.3 else off_deg, 0.0)
 
@@ -103,7 +103,7 @@ def test_a_box_200_px_tall_is_followed_from_131_or_49_px_on(move_time, px):
         assert bool(course.command[-1, 0]) is moves
 
 
-def test_no_move_begins_while_another_is_under_way():
+def test_no_move_begins_during_another():
     course = run(Frigate(NECK, PROMPT), ramp(20.0), 5.0, Plant(0.3, 0.0, 0.6), PROMPT)
     changes = np.flatnonzero(np.diff(course.command[:, 0]))
     speed_deg_s = np.gradient(course.head_deg[:, 0], 0.001)
@@ -111,8 +111,8 @@ def test_no_move_begins_while_another_is_under_way():
     assert np.abs(speed_deg_s[changes - 1]).max() < 1e-6
 
 
-def test_a_calibrated_camera_goes_further_by_what_the_person_walks_meanwhile():
-    """10 deg/s are 22.3 px in 0.2 s: the move grows by that for each 0.2 s of the time that it is said to take."""
+def test_a_calibrated_camera_leads_by_the_motion_during_the_move():
+    """10 deg/s are 22.3 px in 0.2 s: the move grows by 22.3 px for each 0.2 s of its stated duration."""
     move_time = MoveTime(0.3, 0.79, 1.0)
     course = run(Frigate(NECK, PROMPT, move_time=move_time), ramp(10.0), 8.0, Plant(0.3, 0.0, 1.0), PROMPT)
     began = np.flatnonzero(np.diff(course.command[:, 0]))[-4:] + 1
@@ -123,7 +123,7 @@ def test_a_calibrated_camera_goes_further_by_what_the_person_walks_meanwhile():
     np.testing.assert_allclose(went_deg, 45.0 * (seen + ahead), atol=0.05)
 
 
-def test_the_corner_filter_learns_a_steady_velocity():
+def test_the_corner_filter_converges_to_a_constant_velocity():
     corners_px, step_px = np.array([[100.0, 50.0], [160.0, 130.0]]), np.array([7.0, -3.0])
     corner_filter = CornerFilter(corners_px)
     for k in range(1, 30):

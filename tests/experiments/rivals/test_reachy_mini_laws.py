@@ -1,4 +1,4 @@
-"""Reachy Mini's laws against what was derived of them."""
+"""Reachy Mini's laws against derived closed forms."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ def face(offset=(0.0, 0.0), capture_s=0.0):
     return Detection(capture_s, capture_s + 0.1, np.array(offset), 1.5, np.array([90.0, 120.0]))
 
 
-def test_a_still_target_is_eased_to_with_a_time_constant_of_0_123_s():
-    """The frame arrives after 0.1 s; what a step computes is sent at the next, 0.02 s later."""
+def test_a_still_target_is_approached_with_a_time_constant_of_0_123_s():
+    """The frame arrives after 0.1 s; a computed command is sent at the next step, 0.02 s later."""
     course = run(ReachyMini(NECK, CAMERA), standing(20.0), 1.5, seen=first_frame_only)
     since_s = course.time_s - 0.12
     steps = np.floor(since_s / 0.02 + 1e-6) + 1
@@ -28,17 +28,17 @@ def test_a_still_target_is_eased_to_with_a_time_constant_of_0_123_s():
     assert -0.02 / np.log(0.85) == pytest.approx(0.123, abs=5e-4)
 
 
-# Of the target at a step: frames of 0.1 s, five steps each; of the ease; sent a step later; held for a step.
+# Target at a step: frames of 0.1 s, five steps each; easing; sent one step later; held for a step.
 HOLD_S, EASE_S, NEXT_S, HALF_S = 0.04, 0.02 * 0.85 / 0.15, 0.02, 0.01
 
 
-def test_with_capture_times_the_head_is_late_by_delay_ease_and_motor():
+def test_with_capture_times_the_lag_is_delay_plus_easing_plus_motor():
     law = ReachyMiniCaptureRaw(NECK, CAMERA)
     course = run(law, ramp(20.0, -30.0), 4.0, Plant(0.03, 0.09))
     assert course.lag_s(20.0, 1.0) == pytest.approx(0.1 + HOLD_S + EASE_S + NEXT_S + HALF_S + 0.12, abs=2e-3)
 
 
-def test_a_head_that_runs_ahead_overshoots_more_the_older_its_frames():
+def test_overshoot_grows_with_frame_latency():
     def overshoot_deg(law, latency_s, **constants):
         seen_by = camera(latency_s=latency_s)
         course = run(law(NECK, seen_by, **constants), standing(25.0), 3.0, Plant(0.03, 0.09), seen_by)
@@ -57,7 +57,7 @@ def test_two_seconds_after_the_last_face_it_looks_straight_ahead():
     np.testing.assert_allclose(course.head_deg[-1], 0.0, atol=0.05)
 
 
-def test_the_image_filter_keeps_small_changes_and_follows_large_ones_faster():
+def test_the_image_filter_holds_small_changes_and_follows_large_ones_faster():
     image_filter = ImageFilter()
     assert image_filter.update(np.array([0.10, 0.0]))[0] == 0.10
     assert image_filter.update(np.array([0.11, 0.0]))[0] == 0.10
@@ -65,7 +65,7 @@ def test_the_image_filter_keeps_small_changes_and_follows_large_ones_faster():
     assert image_filter.update(np.array([0.50, 0.0]))[0] == pytest.approx(0.13 + 0.6 * 0.37)
 
 
-def test_a_face_that_jumps_is_ignored_until_the_last_one_is_forgotten():
+def test_a_jump_is_ignored_until_the_previous_face_expires():
     gate = Gate()
     taken = [
         gate.takes(face((x, 0.0), time_s)) for x, time_s in ((0, 0), (0.6, 0.1), (0.4, 0.2), (-0.2, 2.1), (-0.2, 2.3))
@@ -73,6 +73,6 @@ def test_a_face_that_jumps_is_ignored_until_the_last_one_is_forgotten():
     assert taken == [True, False, True, False, True]
 
 
-def test_the_conversation_app_comes_to_0_6_of_the_way():
+def test_the_conversation_app_moves_0_6_of_the_error():
     course = run(ConversationApp(NECK, CAMERA), standing(-7.0), 2.0, Plant(0.03, 0.09))
     assert course.head_deg[-1, 0] == pytest.approx(0.6 * -7.0, abs=0.01)

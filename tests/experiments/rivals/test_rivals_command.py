@@ -1,4 +1,4 @@
-"""The command, its rows, the wrong models, and rivals as the trials make them."""
+"""The command, its rows, wrong models, and the construction of rivals."""
 
 import inspect
 import itertools
@@ -32,7 +32,7 @@ def run_of(rival: str, contact: float, constants: str = "", error_deg: float = 9
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
-def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> None:
+def test_the_command_writes_rows_tables_and_figure(tmp_path, capsys) -> None:
     neck = quick_neck(tmp_path, "reachy_mini")
     words = ["--necks", neck, "--rivals", "humotion", "reactive", "--jobs", "1", "--out", str(tmp_path)]
     words += ["--recordings", "subject01_R1", "subject02_R1", "--trials", "still_seated_left", "pass_2.5m"]
@@ -56,7 +56,7 @@ def test_the_command_writes_rows_tables_and_the_picture(tmp_path, capsys) -> Non
         assert f"| {row['rival']} | {100 * row['eye_contact_2p6']:.1f} [" in text
 
 
-def test_free_constants_are_the_best_on_walks_for_each_neck() -> None:
+def test_free_constants_maximise_eye_contact_on_walks_for_each_neck() -> None:
     runs = [
         run_of("autoptz", 0.2, "speed_scale=0.5"),
         run_of("autoptz", 0.9, "speed_scale=0.5", trial="step"),
@@ -75,13 +75,13 @@ def test_free_constants_are_the_best_on_walks_for_each_neck() -> None:
     }
 
 
-def test_of_constants_that_are_level_the_smoothest_is_shown() -> None:
+def test_ties_between_constants_are_broken_by_smoothness() -> None:
     figures = [("alpha=0.1", 0.900, 1.0), ("alpha=0.3", 0.955, 2.0), ("alpha=0.5", 0.960, 4.0)]
     runs = [run_of("smith", contact, constants) | {"rms_acceleration_rad_s2": a} for constants, contact, a in figures]
     assert at_their_best(runs) == runs[1:2]
 
 
-def test_who_settles_beside_the_face_comes_last() -> None:
+def test_rivals_with_a_steady_state_error_are_ranked_last() -> None:
     near = run_of("mpc", 0.9, trial="step") | {"settling_s": 2.0, "rest_error_deg": 0.3}
     aside = run_of("conversation_app", 0.0, trial="step") | {"settling_s": 0.5, "rest_error_deg": 10.0}
     assert [row["rival"] for row in summarise([aside, near])] == ["mpc", "conversation_app"]
@@ -97,7 +97,7 @@ def test_eye_contact_is_compared_with_the_mpc_clip_by_clip() -> None:
     assert summarise(runs[1:2])[0]["eye_contact_behind_mpc"] is None
 
 
-def test_with_a_wrong_model_constants_stay_those_that_are_best_with_the_right_one() -> None:
+def test_a_wrong_model_does_not_retune_the_constants() -> None:
     tried = [("smith", {"gain": 1.0}, 0.6), ("smith", {"gain": 0.5}, 0.4), ("humotion", {}, 0.9)]
     jobs = [RivalJob(rival, "turns", "w1", REFERENCE, SENSOR, constants=constants) for rival, constants, _ in tried]
     done = {"left_out": None, "failed": None, "gaze_error_rms_deg": 5.0, "rms_acceleration_rad_s2": 1.0}
@@ -111,7 +111,7 @@ def test_with_a_wrong_model_constants_stay_those_that_are_best_with_the_right_on
     assert {(row["by"], row["error"]) for row in found["latency"]} == {(0.0, "latency")}
 
 
-def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:
+def test_a_wrong_model_changes_the_law_and_not_the_plant() -> None:
     error = ModelError(dead_time_scale=1.3, servo_scale=0.8, latency_error_s=0.05)
     believed = error.neck(REFERENCE)
     assert believed.pan.dead_time_s == pytest.approx(1.3 * REFERENCE.pan.dead_time_s)
@@ -119,12 +119,12 @@ def test_a_wrong_model_is_believed_and_does_not_move_the_robot() -> None:
     log = RivalJob("smith", "step", None, REFERENCE, SENSOR, error=error).log(make_trial("step", None))
     # The log has the true neck, with the command of the law.
     assert log.neck == driven_by(REFERENCE, "position")
-    # Who believes in a longer latency takes each frame for an older one.
+    # With a longer modelled latency each frame gets an earlier capture time.
     assert log.capture_time_s[0] == pytest.approx(-0.05, abs=1e-9)
 
 
-def test_the_calibration_finds_the_top_speed_of_a_neck():
-    """Half the field of view takes its angle over the top speed; large moves come to rest later than small ones."""
+def test_calibration_measures_the_top_speed_of_a_neck():
+    """Half the field of view takes at least its angle over the top speed; large moves settle later than small ones."""
     neck = load_neck("reachy_mini")
     found = calibrate(neck, CAMERA)
     least_s = CAMERA.half_width_rad / neck.pan.velocity_max_rad_s
@@ -134,7 +134,7 @@ def test_the_calibration_finds_the_top_speed_of_a_neck():
 
 
 @pytest.mark.parametrize("law", [law for law in RIVALS.values() if law.free != ({},)])
-def test_free_constants_are_keywords_and_the_default_is_tried(law):
+def test_free_constants_are_keywords_and_include_the_default(law):
     parameters = inspect.signature(law).parameters
     own = {name: parameters[name].default for name in law.free[0]}
     assert own in law.free

@@ -1,4 +1,4 @@
-"""The simulation of rivals, and answers of a head, against closed forms."""
+"""The simulation of rivals, and step responses of a head, against closed forms."""
 
 import dataclasses
 import math
@@ -22,8 +22,8 @@ PERFECT = on_the_head(load_sensor("perfect"))
 SENSOR = PERFECT.model_copy(update={"rate_hz": 30.0, "latency_s": 0.1})
 
 
-class Told:
-    """A rival that answers what it was told, and keeps what it saw."""
+class FixedRival:
+    """A rival with a fixed answer that records its views."""
 
     name = "told"
 
@@ -48,8 +48,8 @@ def run(rival, neck: NeckSpec = REFERENCE, trial: str = "still_seated_left", **s
     return simulate(Scene(walk, neck, SENSOR, start_rad=one.start_rad, **scene), lambda *_: rival)
 
 
-def test_a_rival_sees_faces_late_in_the_head_as_it_stood() -> None:
-    rival = Told("velocity", (0.05, 0.0))
+def test_a_rival_gets_faces_delayed_with_the_head_pose_at_capture() -> None:
+    rival = FixedRival("velocity", (0.05, 0.0))
     run(rival)
     # The head turns while the face stands at 20 deg: absolute angle = head at the capture + angle in the image.
     half = math.radians(PERFECT.view.horizontal_deg / 2.0)
@@ -64,13 +64,13 @@ def test_a_rival_sees_faces_late_in_the_head_as_it_stood() -> None:
 
 
 def test_a_law_that_commands_the_true_direction_is_in_contact() -> None:
-    log = run(Told("position", (math.radians(20.0), math.radians(8.0))))
+    log = run(FixedRival("position", (math.radians(20.0), math.radians(8.0))))
     assert measure(log).gaze_error_rms_deg < 0.01
 
 
-def test_steps_come_at_the_rivals_own_rate_and_another_neck_moves_than_the_one_that_is_known() -> None:
-    """The device is idle after the move only, which begins one dead time of the true neck late."""
-    rival, late = Told("position", (0.5, 0.0), 1.0 / 30.0), {"dead_time_s": 1.0}
+def test_steps_have_the_rivals_rate_and_the_plant_may_differ_from_its_model() -> None:
+    """The device is idle only after the move, which starts after the dead time of the true neck."""
+    rival, late = FixedRival("position", (0.5, 0.0), 1.0 / 30.0), {"dead_time_s": 1.0}
     log = run(rival, robot_neck=REFERENCE.model_copy(update={"pan": REFERENCE.pan.model_copy(update=late)}))
     times_s = np.array([view.time_s for view in rival.views])
     np.testing.assert_allclose(times_s, np.arange(times_s.size) / 30.0, atol=0.006)
@@ -80,9 +80,9 @@ def test_steps_come_at_the_rivals_own_rate_and_another_neck_moves_than_the_one_t
     assert log.time_s[np.flatnonzero(log.joint_position_rad[:, 0] > 1e-9)[0]] == pytest.approx(1.0, abs=0.011)
 
 
-def test_an_answer_that_is_no_number_is_refused() -> None:
+def test_a_nan_answer_is_refused() -> None:
     with pytest.raises(ValueError, match="told"):
-        run(Told("position", (math.nan, 0.0)))
+        run(FixedRival("position", (math.nan, 0.0)))
 
 
 TIMES_S = np.arange(0.0, 15.0, 0.005)
@@ -95,7 +95,7 @@ def oscillation(zeta: float, wn: float = 4.0):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_second_order_step_overshoots_as_the_textbook_says(sign: float) -> None:
+def test_a_second_order_step_has_the_closed_form_overshoot(sign: float) -> None:
     angle = sign * oscillation(0.3)
     expected = 20.0 * np.exp(-0.3 * np.pi / np.sqrt(1.0 - 0.3**2))
     assert overshoot_deg(angle, sign * 20.0) == pytest.approx(expected, abs=1e-3)
@@ -105,14 +105,14 @@ def test_a_second_order_step_overshoots_as_the_textbook_says(sign: float) -> Non
     assert reversals(angle) == np.sum(swings >= 0.5)
 
 
-def test_a_motion_without_overshoot_has_none_and_never_turns() -> None:
+def test_a_monotonic_motion_has_no_overshoot_and_no_reversal() -> None:
     angle = 20.0 * (1.0 - np.exp(-TIMES_S / 0.5))
     assert overshoot_deg(angle, 20.0) == pytest.approx(0.0, abs=1e-6)
     assert reversals(angle) == 0
     assert overshoot_deg(np.full(10, 3.0), 3.0) == 0.0
 
 
-def test_settling_is_the_last_way_in() -> None:
+def test_settling_time_is_the_last_entry_into_the_band() -> None:
     # exp(-t / 0.5) 20 deg is 1 deg at 0.5 ln 20.
     assert settling_s(TIMES_S, -20.0 * np.exp(-TIMES_S / 0.5), 1.0) == pytest.approx(0.5 * np.log(20.0), abs=0.005)
     late = np.where((TIMES_S > 7.0) & (TIMES_S < 8.0), 3.0, 0.0)
@@ -123,19 +123,19 @@ def test_settling_is_the_last_way_in() -> None:
 
 def log_of(pan_deg, truth_deg):
     angles = np.deg2rad(np.stack([pan_deg, np.zeros(pan_deg.size)], axis=1))
-    there = np.deg2rad(truth_deg)
-    head_m = 2.0 * np.stack([np.cos(there), np.sin(there), np.zeros(there.size)], axis=1)
+    truth_rad = np.deg2rad(truth_deg)
+    head_m = 2.0 * np.stack([np.cos(truth_rad), np.sin(truth_rad), np.zeros(truth_rad.size)], axis=1)
     return SimpleNamespace(
         time_s=TIMES_S, joint_position_rad=angles, head_true_base_m=head_m, neck=load_neck("reference")
     )
 
 
-def test_who_settles_beside_the_face_rests_off_it() -> None:
+def test_a_steady_state_offset_is_reported() -> None:
     pan_deg = np.full(TIMES_S.size, 12.0)
     assert response(log_of(pan_deg, pan_deg + 8.0), 0.0, 0)["rest_error_deg"] == pytest.approx(8.0)
 
 
-def test_back_in_contact_counts_from_the_return_and_must_last() -> None:
+def test_recovery_time_counts_from_the_return_to_lasting_contact() -> None:
     truth = np.zeros(TIMES_S.size)
     off = np.where((TIMES_S < 4.0) | ((TIMES_S > 4.3) & (TIMES_S < 6.0)), 10.0, 1.0)
     for pan_deg, expected_s in ((off, 3.0), (truth + 10.0, TIMES_S[-1] - 3.0)):

@@ -1,4 +1,4 @@
-"""Who stands where in the trials, when they are seen, and which people take part."""
+"""Positions of people in the trials, their visibility, and the choice of recordings."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def angles_deg(walk, times_s):
 
 
 @pytest.mark.parametrize("name", ["still_seated_left", "still_standing_centre", "still_standing_right"])
-def test_still_faces_stand_where_they_are_said_to(name: str) -> None:
+def test_still_faces_are_at_their_stated_angles(name: str) -> None:
     trial = make_trial(name, None)
     pan = {"centre": 0.0, "left": 20.0, "right": -20.0}[name.split("_")[2]]
     tilt = {"seated": 8.0, "standing": 22.0}[name.split("_")[1]]
@@ -41,13 +41,13 @@ def test_the_step_is_30_deg_and_the_ramp_20_deg_a_second() -> None:
     assert ramp.event_s == 7.0
 
 
-def test_walks_are_passed_at_their_distance() -> None:
+def test_walks_pass_at_the_stated_distance() -> None:
     near, far = (make_trial(name, WALK).walk.truth.head_position_m for name in ("pass_1.0m", "pass_2.5m"))
     assert np.nanmin(np.hypot(*near[:, :2].T)) == pytest.approx(1.0, abs=0.15)
     assert np.nanmin(np.hypot(*far[:, :2].T)) == pytest.approx(2.5, abs=0.15)
 
 
-def test_straight_walks_are_passed_and_others_are_turns() -> None:
+def test_straight_walks_are_passes_and_others_are_turns() -> None:
     def labels(group):
         return Labels("anna", group)
 
@@ -58,8 +58,8 @@ def test_straight_walks_are_passed_and_others_are_turns() -> None:
     assert not takes("loss", labels("turn"))
 
 
-def test_who_really_stands_is_as_far_away_as_the_motionless_face() -> None:
-    """And moves: the motionless head of the other trials is what this one is beside."""
+def test_a_recorded_standing_person_is_as_far_as_the_still_face() -> None:
+    """The recorded head moves; the still face of the other trials is its reference."""
     trial = make_trial(STAND, "subject03_stand")
     head_m = trial.walk.truth.head_position_m[trial.walk.truth.valid]
     assert np.hypot(*head_m[:, :2].mean(axis=0)) == pytest.approx(1.5, abs=0.1)
@@ -67,7 +67,7 @@ def test_who_really_stands_is_as_far_away_as_the_motionless_face() -> None:
     assert trial.event_s is None
 
 
-def test_the_face_is_lost_for_a_second_and_the_person_comes_to_stand() -> None:
+def test_the_face_is_lost_for_1_s_and_the_person_stops() -> None:
     trial, walk = make_trial("loss", WALK), make_trial("pass_2.5m", WALK).walk
     lost = trial.walk.times_s[~trial.walk.truth.valid]
     assert lost[-1] - lost[0] == pytest.approx(LOSS_S, abs=0.05)
@@ -93,7 +93,7 @@ def jobs_with(standing, trials=(STAND, SIT)):
     return [(job.trial, job.recording) for job in make_jobs(["mpc"], [], [NECK], [SENSOR], 0, trials, standing)]
 
 
-def test_the_label_of_the_kind_tells_who_sits(tmp_path):
+def test_sitting_people_are_selected_by_their_kind_label(tmp_path):
     times_s = np.arange(0.0, 3.0, 0.04)
     sway_m = 0.01 * np.sin(times_s)
     for name in ("anna", "bert"):

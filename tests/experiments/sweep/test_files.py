@@ -1,4 +1,4 @@
-"""Sweep files: every bad one is refused whole; names set what they say, designs have their points."""
+"""Sweep files: invalid ones are refused with all errors; names set their values, designs have their points."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from experiments.sweep.spec import Objective, SweepSpec
 from experiments.sweep.sweep import main
 
 
-def test_all_errors_of_a_file_at_once(tmp_path):
+def test_all_errors_of_a_file_are_reported_together(tmp_path):
     text = refusal(
         tmp_path,
         {
@@ -63,7 +63,7 @@ def test_bad_files_are_refused(change, expected, tmp_path):
     assert expected in refusal(tmp_path, SMALL | change)
 
 
-def test_a_bad_recording_is_refused_before_anything_runs(tmp_path, capsys):
+def test_a_bad_recording_is_refused_before_any_run(tmp_path, capsys):
     (tmp_path / "bad.csv").write_text("t,head_x\n0,1\n")
     assert main(words(tmp_path, SMALL, "--recordings", str(tmp_path / "bad.csv"))) == 2
     assert "bad.csv" in capsys.readouterr().err
@@ -89,7 +89,7 @@ def test_a_grid_has_every_combination_once():
 
 
 @pytest.mark.parametrize("design", ["random", "sobol"])
-def test_drawn_designs_are_inside_even_and_the_same_again(design):
+def test_sampled_designs_are_in_bounds_evenly_spread_and_reproducible(design):
     vary = {
         "distance_m": {"low": 2, "high": 4},
         "mpc.horizon_s": {"low": 0.1, "high": 1.6, "log": True},
@@ -108,7 +108,7 @@ def test_drawn_designs_are_inside_even_and_the_same_again(design):
     assert sum(p["neck"] == "slow" for p in points) == pytest.approx(100, abs=20)
 
 
-def test_a_case_changes_only_what_it_says():
+def test_a_case_changes_only_its_named_values():
     spec = SweepSpec.model_validate(
         SMALL
         | {"cases": [{"name": "a"}, {"name": "b", "base": {"controller": "reactive", "model.dead_time_scale": 1}}]}
@@ -120,14 +120,14 @@ def test_a_case_changes_only_what_it_says():
     assert list(second.vary) == ["lookahead.smoothing_time_s"]
 
 
-def test_the_front_is_what_nothing_beats():
+def test_the_front_is_the_non_dominated_set():
     goals = [Objective(metric="eye_contact_2p6", direction="maximize"), Objective(metric="sparc", direction="minimize")]
     values = [(0.5, 1.0), (0.6, 2.0), (0.5, 2.0), (0.9, 5.0), (0.8, 6.0), (None, 0.0)]
     front = pareto_front([{"eye_contact_2p6": a, "sparc": b} for a, b in values], goals)
     assert [(row["eye_contact_2p6"], row["sparc"]) for row in front] == [(0.5, 1.0), (0.6, 2.0), (0.9, 5.0)]
 
 
-def test_each_kind_of_name_changes_what_it_says():
+def test_each_kind_of_name_sets_its_value():
     run = resolve(
         {
             "controller": "mpc",
@@ -149,19 +149,19 @@ def test_each_kind_of_name_changes_what_it_says():
     assert (sensor.name, sensor.latency_s, sensor.rate_hz) == ("reference", 0.1, 30)
 
 
-def test_only_the_model_is_wrong_about_the_dead_time():
+def test_a_dead_time_error_applies_to_the_model_alone():
     variant = resolve({"controller": "mpc", "neck.tilt.dead_time_s": 0.2, "model.dead_time_scale": 1.5})
     np.testing.assert_array_equal(variant.robot_neck.dead_time_s, [0.4, 0.2])
     np.testing.assert_allclose(variant.neck.dead_time_s, [0.6, 0.3])
 
 
-def test_every_default_is_a_value_that_its_name_accepts():
+def test_every_default_is_valid_for_its_name():
     for name, field in setting_fields().items():
         assert check_name(name) is None
         if not field.is_required():
             assert check_value(name, field.default) == (field.default, None), name
 
 
-def test_no_metric_is_shown_by_its_field():
+def test_every_metric_has_a_label():
     for name in (*METRICS, *setting_fields()):
         assert "_" not in with_unit(name), name

@@ -1,4 +1,4 @@
-"""Runs of a sweep: known effects are found, nothing is done twice, and parts of the user's own take part."""
+"""Runs of a sweep: known effects, no repeated job, user-defined parts."""
 
 import json
 
@@ -22,7 +22,7 @@ FIGURES = {
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory, in_this_process):
-    """A small sweep done in one go."""
+    """A small sweep without interruption."""
     folder = tmp_path_factory.mktemp("undisturbed")
     base = SMALL["base"] | {"neck": quick_neck(folder)}
     path = written(folder, SMALL | {"base": base, "figures": FIGURES})
@@ -30,7 +30,7 @@ def undisturbed(tmp_path_factory, in_this_process):
     return folder
 
 
-def test_tables_and_known_effects(undisturbed):
+def test_tables_are_written_and_known_effects_have_their_sign(undisturbed):
     rows, table = rows_of(undisturbed / "out"), rows_of(undisturbed / "out", "table.csv")
     assert len(rows) == 8
     assert len({(r["point"], r["recording"]) for r in rows}) == 8
@@ -44,7 +44,7 @@ def test_tables_and_known_effects(undisturbed):
     by_hand = [float(r["gaze_error_rms_deg"]) for r in rows if r["point"] == overall[1, 0]["point"]]
     assert float(overall[1, 0]["gaze_error_rms_deg"]) == pytest.approx(np.mean(by_hand))
     assert overall[1, 0]["n_clips"] == "2"
-    # A wrong dead time costs error; a low-pass makes the gaze smoother.
+    # A wrong dead time increases the error; a low-pass smooths the gaze.
     assert float(overall[0.5, 0]["gaze_error_rms_deg"]) > 1.3 * float(overall[1, 0]["gaze_error_rms_deg"])
     assert float(overall[1, 0.1]["rms_acceleration_rad_s2"]) < 0.9 * float(overall[1, 0]["rms_acceleration_rad_s2"])
     assert {p["point"] for p in summary["pareto"]["small"]} <= {0, 1, 2, 3}
@@ -57,7 +57,7 @@ def test_tables_and_known_effects(undisturbed):
     assert "experiments.sweep.sweep.sweep(SweepSettings(" in report
 
 
-def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_path, monkeypatch):
+def test_a_user_defined_part_is_swept_with_its_options_and_name(tmp_path, monkeypatch):
     own = own_module(tmp_path, monkeypatch)
     vary = {"controller": [f"{own}:Sluggish", "lookahead"], "options.share": [0.5, 1.0]}
     base = {"predictor": "constant_velocity", "neck": quick_neck(tmp_path)}
@@ -66,7 +66,7 @@ def test_a_part_of_ones_own_is_swept_with_its_options_and_under_its_name(tmp_pat
     assert [row["failed"] for row in rows] == [None] * 4
     assert [row["controller"] for row in rows] == ["sluggish", "sluggish", "lookahead", "lookahead"]
     errors_deg = [row["gaze_error_rms_deg"] for row in rows]
-    # At a share of 1 it is look-ahead, for which the option is nothing.
+    # At a share of 1 it equals look-ahead, which has no such option.
     assert errors_deg[0] > 1.5 * errors_deg[1]
     assert errors_deg[1] == errors_deg[2] == errors_deg[3]
     assert len(list((tmp_path / "out" / "runs").iterdir())) == 3

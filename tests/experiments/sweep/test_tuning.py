@@ -27,8 +27,8 @@ TUNED = {
 
 
 @pytest.mark.slow
-def test_tuning_stopped_in_the_middle_ends_with_the_same_trials(tmp_path, monkeypatch):
-    """Stopped in the second batch, so that one batch is known and one is half done."""
+def test_resumed_tuning_gives_the_same_trials(tmp_path, monkeypatch):
+    """Stopped in the second batch: one batch is complete, one is partial."""
     monkeypatch.setattr("experiments.sweep.sweep.BATCH", 3)
     pytest.importorskip("optuna", reason="optuna is not installed (extra tune)")
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"

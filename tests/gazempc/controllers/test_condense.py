@@ -1,4 +1,4 @@
-"""The condensed statement, against matrices that are made by hand in numpy, without CasADi."""
+"""The condensed program against matrices built in NumPy, without CasADi."""
 
 import math
 
@@ -39,7 +39,7 @@ def by_hand(neck, index, lengths, T, zeta, bounded):
     following = np.append(each[1:], each[-1])
     w, ends_s = (each + following) / 2, np.cumsum(each) * neck.control_period_s
     share = math.sqrt(max(4 * zeta**2 - 2, 0.0)) * T
-    squared, wanted = (
+    squared, weighted = (
         np.vstack([q, share * v, T**2 * a]),
         np.vstack([np.eye(n), share * np.gradient(np.eye(n), ends_s, axis=0), np.zeros((n, n))]),
     )
@@ -59,12 +59,12 @@ def by_hand(neck, index, lengths, T, zeta, bounded):
     if bounded:
         rows, constant = [*rows, q / 150.0], np.append(constant, np.zeros(n))
     rows = np.vstack(rows)
-    return H, of_jerk @ np.hstack([squared[:, :5], -wanted]), rows[:, :5], rows[:, 5:], constant
+    return H, of_jerk @ np.hstack([squared[:, :5], -weighted]), rows[:, :5], rows[:, 5:], constant
 
 
 @pytest.mark.parametrize("bounded", [False, True])
 @pytest.mark.parametrize("name", neck_names())
-def test_the_matrices_are_those_made_by_hand(name, bounded):
+def test_the_condensed_matrices_equal_those_by_hand(name, bounded):
     neck = load_neck(name)
     lengths = growing_steps(0.8, neck.control_period_s)
     T, zeta = (0.09, ACQUISITION_DAMPING) if bounded else (0.12, PLAIN_DAMPING)
@@ -85,7 +85,7 @@ def test_the_matrices_are_those_made_by_hand(name, bounded):
         assert not program.rows_map[:, 6:].any()
         free = -np.linalg.solve(H, cost)
         gain = np.delete(program.gain, 5, axis=1)
-        # The Hessian has a condition number of 1e7, so of the gain nine digits are left.
+        # The Hessian's condition number is 1e7, which leaves nine digits of the gain.
         assert np.abs(gain[: len(lengths)] - free).max() < 2e-9 * np.abs(free).max()
         at_free = a @ free[:, :5]
         apart = gain[len(lengths) : len(lengths) + len(a), :5] - rows - at_free

@@ -1,4 +1,4 @@
-"""A zone of the picture in place of a point: the optimum of the statement, rest inside, and the limits of a run."""
+"""A zone of the picture as target: the optimum, rest inside the zone, and the limits of a run."""
 
 import casadi as ca
 import numpy as np
@@ -19,14 +19,14 @@ from gazempc.sim.scene import SceneSettings, make_scene
 STEPS, T, ZETA = 8, 0.1, 0.85
 VIEW_DEG = (60.0, 34.0)
 CAMERA = gz.load_neck("ptz").model_copy(update={"head_view_deg": VIEW_DEG})
-# The same camera, driven by angles.
+# The same camera with angle commands.
 BY_ANGLES = CAMERA.with_axes(
     {name: getattr(CAMERA, name).model_copy(update={"command": "position"}) for name in ("pan", "tilt")}
 )
 
 
 def best_by_ipopt(state, low, high):
-    """The statement with the distance from the zone as a variable of its own; angles of the joint, shape (STEPS,)."""
+    """IPOPT with the distance from the zone as slack variable; joint angles, shape (STEPS,)."""
     o = problem.Trajectory(NECK, 0, (1,) * STEPS)
     z, j, e = ca.SX.sym("Z", 5, 1 + STEPS), ca.SX.sym("J", STEPS), ca.SX.sym("e", STEPS)
     defects, values = shot(o, NECK, 0, z, problem.jerk_max_rad_s3(NECK, 0) * j)
@@ -50,7 +50,7 @@ def best_by_ipopt(state, low, high):
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.15, -0.3])
-def test_the_optimum_is_that_of_the_statement(offset):
+def test_the_optimum_equals_that_of_ipopt(offset):
     ocp = AxisOcp(even(STEPS), T, ZETA, bounded=True, zone=True)
     solvers = set()
     for state, reference in random_states(2, 0.1, STEPS, seed=3):
@@ -63,7 +63,7 @@ def test_the_optimum_is_that_of_the_statement(offset):
     assert "none" not in solvers
 
 
-def test_a_joint_at_rest_in_the_zone_stays_there():
+def test_a_joint_at_rest_in_the_zone_stays_at_rest():
     ocp = AxisOcp(even(STEPS), T, ZETA, bounded=True, zone=True)
     reference = np.linspace(0.01, 0.04, STEPS)
     solution = ocp.solve(np.array([0.0, 0.0, 0.0, 0.0, 0.0]), reference, (reference - 0.05, reference + 0.05))
@@ -72,7 +72,7 @@ def test_a_joint_at_rest_in_the_zone_stays_there():
 
 
 def pan_deg(*steps):
-    """A head 2 m away at angles that jump: pairs of a time and a pan."""
+    """A head 2 m away at piecewise constant angles: pairs of a time and a pan."""
 
     def path(times_s):
         pan = np.radians(np.select([times_s >= at for at, _ in steps[::-1]], [to for _, to in steps[::-1]], 0.0))
@@ -85,9 +85,7 @@ def pan_deg(*steps):
     ("hysteresis_per_s", "sigma_m", "back_to_deg", "turns"),
     [(0.0, 0.0, 21.0, 1), (0.0, 0.2, 21.0, 0), (5.0, 0.0, 21.0, 0), (5.0, 0.2, -25.0, 1)],
 )
-def test_the_camera_turns_back_only_for_a_head_that_is_outside_for_certain(
-    hysteresis_per_s, sigma_m, back_to_deg, turns
-):
+def test_the_camera_turns_back_only_beyond_the_deviation_of_the_head(hysteresis_per_s, sigma_m, back_to_deg, turns):
     """A head at 40 deg is framed from 31 to 35 deg; at 21 it is just outside the zone."""
     framing = Framing(headroom=0.5, lead_room=0.0, hysteresis_per_s=hysteresis_per_s)
     joints, *_ = run(
@@ -102,7 +100,7 @@ def test_the_camera_turns_back_only_for_a_head_that_is_outside_for_certain(
 
 
 @pytest.mark.parametrize(("excursions", "moves"), [(0.7, False), (2.0, True)])
-def test_the_camera_waits_out_a_short_excursion_of_a_person_who_stays(excursions, moves):
+def test_the_camera_ignores_a_short_excursion_of_a_standing_person(excursions, moves):
     """The forecast is the present position: 14 deg, outside the zone of 10 deg and inside the picture of 30."""
     framing = Framing(headroom=0.5, lead_room=0.0)
     path = pan_deg((0.4, 14.0), (0.4 + excursions * 1.5 * CAMERA.pan.dead_time_s, 0.0))
@@ -113,7 +111,7 @@ def test_the_camera_waits_out_a_short_excursion_of_a_person_who_stays(excursions
 
 @pytest.mark.parametrize("subject", ["one", "all"])
 def test_the_box_of_all_people_is_kept_in_the_middle(subject):
-    """Two who stand 40 deg apart: one of them is nearer, and is framed alone without the other."""
+    """Two standing people 40 deg apart; the nearer one alone would be framed otherwise."""
     scene = standing_together(4.0, (1.4, 0.5, 0.0), (2.0, -0.73, 0.0))
     framing = Framing(subject=subject, view_deg=VIEW_DEG, zone=(0.05, 0.05), headroom=0.5)
     log = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings(attend="nearest", framing=framing)).log
@@ -128,11 +126,11 @@ def metrics_of(recording, framing):
 
 
 @pytest.mark.slow
-def test_the_camera_rests_before_a_person_who_stands():
+def test_the_camera_is_at_rest_before_a_standing_person():
     metrics, log = metrics_of("subject03_stand", Framing())
     assert metrics.time_in_zone > 0.99
     assert metrics.reversals_per_min == 0.0
-    # The start looks straight at the head; headroom moves it once.
+    # The gaze starts on the head; headroom moves it once.
     assert "solver_gave_up" not in set(log.event_name)
 
 
@@ -147,6 +145,6 @@ def test_a_walker_is_kept_in_the_zone_within_the_limits_of_the_picture():
     assert metrics.rms_acceleration_rad_s2 < 0.7 * plain.rms_acceleration_rad_s2
 
 
-def test_a_zone_is_no_unstable_loop():
-    """Inside, nothing pulls the camera anywhere: the checks of the linear loop do not apply."""
+def test_a_zone_has_no_margin_warning():
+    """Inside the zone the cost gradient is zero: margins of the linear loop do not apply."""
     assert too_small(gz.Mpc(CAMERA, framing=Framing())) == []

@@ -1,4 +1,4 @@
-"""Reactive and look-ahead: what they command, by hand."""
+"""Commands of reactive and look-ahead, by hand."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from gazempc.neck.spec import load_neck
 
 
 def turning(times, rate_rad_s=0.4):
-    """A person who walks round the neck: the pan that looks at them grows steadily."""
+    """A person who walks round the neck at a constant pan rate."""
     pan = rate_rad_s * np.asarray(times) - 0.5
     return np.stack([2.5 * np.cos(pan), 2.5 * np.sin(pan), np.zeros_like(pan)], axis=-1)
 
 
 def planned(controller, path, command_rad=0.0, start_s=0.0, newest_s=0.0):
-    """Its plan where the command stands still."""
+    """The plan for a constant past command."""
     known = forecast(controller.forecast_times_s(start_s, newest_s), path)
     return controller.plan(at_rest(NECK, known, [command_rad, 0.0], start_s))
 
@@ -25,7 +25,7 @@ def planned(controller, path, command_rad=0.0, start_s=0.0, newest_s=0.0):
 @pytest.mark.parametrize("name", ["reference", "reachy_mini"])
 @pytest.mark.parametrize("smoothing_time_s", [0.0, 0.1])
 def test_a_steady_turn_is_followed_without_lag_or_lead(name, smoothing_time_s):
-    """Whatever the low-pass and the rates: a lag of 1 ms would be 0.023 deg."""
+    """For any low-pass and rates; a lag of 1 ms would be 0.023 deg."""
     neck = load_neck(name)
     start = look_at_rad(neck.geometry, turning(0.0))
     joints, _, _ = run(
@@ -38,7 +38,7 @@ def test_a_steady_turn_is_followed_without_lag_or_lead(name, smoothing_time_s):
 
 
 def test_the_low_pass_follows_a_small_jump_by_its_time_constant():
-    """After tau the command is 1 - 1/e of the way; it starts where the command stands."""
+    """After tau the command has made 1 - 1/e of the step, from the present command."""
     plan = planned(LookAhead(NECK, 0.1), still(0.08))
     assert plan.at(0.1 - NECK.control_period_s).position_rad[0] == pytest.approx(0.08 * (1.0 - np.exp(-1.0)))
 
@@ -59,8 +59,8 @@ def test_acquisition_is_not_smoothed(name):
     assert smooth[-1, 0] == pytest.approx(aim_rad, abs=np.radians(0.1))
 
 
-def test_near_them_the_low_pass_starts_again_from_the_present_command():
-    """By hand: 20 deg off nothing is smoothed; then 4 deg off, the first knot is a share of these 4 deg on."""
+def test_near_the_target_the_low_pass_restarts_from_the_command():
+    """By hand: at 20 deg error no smoothing; then at 4 deg the first knot is a share of these 4 deg."""
     controller = LookAhead(NECK, 0.1)
     aim_rad = np.radians(20.0)
     far = planned(controller, still(aim_rad))
@@ -68,13 +68,13 @@ def test_near_them_the_low_pass_starts_again_from_the_present_command():
     share = 1.0 - np.exp(-NECK.control_period_s / 0.1)
     near = planned(controller, still(aim_rad), np.radians(16.0))
     assert near.position_rad[0, 0] == pytest.approx(np.radians(16.0 + 4.0 * share))
-    # From then on it goes on from itself, wherever the command is.
+    # From then on the low-pass continues from its own state.
     near = planned(controller, still(aim_rad), np.radians(17.0))
     assert near.position_rad[0, 0] == pytest.approx(np.radians(20.0 - 4.0 * (1.0 - share) ** 2))
 
 
-def test_reactive_holds_the_latest_position_and_lookahead_the_one_after_all_delays():
-    """By hand: the target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s and half of the 5 ms that it is held."""
+def test_reactive_holds_the_latest_position_and_lookahead_compensates_all_delays():
+    """By hand: target at -1.2 m/s, commanded for now + 0.4 s + 0.15 s + half of the 5 ms hold."""
     now = 0.5
     plan = planned(Reactive(NECK), crossing, start_s=now, newest_s=0.43)
     assert plan.at(now).position_rad[0] == pytest.approx(np.arctan2(1.5 - 1.2 * 0.43, 2.5))

@@ -1,4 +1,4 @@
-"""The MPC with any neck, any start and a model that is wrong: stable, and within the limits."""
+"""The MPC with any neck, any start and model errors: stable, and within the limits."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ def variant(name="reference", **of_both_axes):
     return NeckSpec.model_validate(content)
 
 
-def test_a_constant_load_leaves_no_error():
-    """Two degrees of load: the MPC looks at the person all the same; a look-ahead stays two degrees off."""
+def test_a_constant_load_leaves_no_steady_state_error():
+    """A load of 2 deg: no error with the MPC, 2 deg with look-ahead."""
     loaded = variant(load_offset_deg=2.0)
     _, _, errors = run(Mpc(NECK), loaded, still(0.3), 1500, start_rad=(0.3, 0.0), model=NECK)
     assert errors[-1] < 0.06
@@ -37,8 +37,8 @@ def test_a_constant_load_leaves_no_error():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scale", "dead_time_s", "far_rad"), [(0.7, 0.05, 1.0), (0.7, 0.6, 0.5), (1.3, 0.6, -1.0)])
-def test_a_dead_time_modelled_30_percent_wrong_leaves_it_stable(scale, dead_time_s, far_rad):
-    """A person who jumps aside: the joint comes to them, passes them by little, and stays."""
+def test_the_loop_is_stable_with_a_dead_time_error_of_30_percent(scale, dead_time_s, far_rad):
+    """A step of the person: the joint settles with small overshoot."""
     plant, model = variant(dead_time_s=dead_time_s), variant(dead_time_s=scale * dead_time_s)
 
     def known(now, times):
@@ -67,8 +67,8 @@ def test_a_dead_time_modelled_30_percent_wrong_leaves_it_stable(scale, dead_time
     ),
     st.integers(0, 2**32 - 1),
 )
-def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
-    """Thousands of plans: joints anywhere, targets that jump, also into the neck and behind it, any confidence."""
+def test_commands_are_within_limits_for_any_neck_state_and_target(axis, seed):
+    """Thousands of plans: any joint state, jumping targets, also inside and behind the neck, any confidence."""
     rng = np.random.default_rng(seed)
     neck = variant(**axis)
     limits = neck.command_limits
@@ -107,8 +107,8 @@ def test_any_neck_any_state_any_target_the_command_is_within_limits(axis, seed):
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
-def test_a_start_outside_the_limits_softens_them_with_an_event(seed):
-    """Commands at up to three times the limits: a finite plan, never an exception; the softened limit is named."""
+def test_a_start_outside_the_limits_softens_them_and_is_an_event(seed):
+    """Commands at up to three times the limits: a finite plan without exception; the softened limit is named."""
     rng = np.random.default_rng(seed)
     limits = NECK.command_limits
     mpc = FUZZED
@@ -131,7 +131,7 @@ def test_a_start_outside_the_limits_softens_them_with_an_event(seed):
     )
     plan = mpc.plan(situation)
     assert plan.is_finite()
-    # An acceleration cannot be outside its limit for longer than it takes to end it: only the first knots may be.
+    # An acceleration outside its limit is removed at the jerk limit: only the first knots may violate it.
     outside = np.any(np.abs(plan.velocity_rad_s[1:]) > limits.velocity_max_rad_s * (1 + 1e-4))
     assert not outside or "limits_softened" in plan.events
 
@@ -143,7 +143,7 @@ def test_a_start_outside_the_limits_softens_them_with_an_event(seed):
     st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-2, 2)), min_size=2, max_size=5),
 )
 def test_the_limits_hold_for_all_walks_and_places(name, kind, places):
-    """People who jump about, also behind the robot and into it; every shipped neck and every controller."""
+    """Jumping people, also behind and inside the robot; every shipped neck and controller."""
     neck = load_neck(name)
     points = np.array(places)
 

@@ -1,4 +1,4 @@
-"""The convex programs against the problem that they stand for: both joints, the true 3-D gaze angle, neck offsets."""
+"""The convex programs against the nonlinear problem: both joints, the exact 3-D gaze angle, neck offsets."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -20,10 +20,10 @@ from gazempc.recordings.placement import place
 from gazempc.sim.replay import ReplaySettings
 from predictors import Forecast
 
-ROUNDED = 1.0 - 1e-6  # the share of the limits that is used
+ROUNDED = 1.0 - 1e-6  # used share of the limits
 DAMPING, ACQUISITION_DAMPING = np.sqrt(0.5), 0.85
 JERK_TIME_S = 0.025
-PASSING = 2.0  # price of a radian beyond where a joint that is catching up is not to go, rad^2
+PASSING = 2.0  # price of a radian beyond the acquisition bound, rad^2
 ANYWHERE = np.array([-100.0, 100.0])
 
 
@@ -46,7 +46,7 @@ def gaze_angle2(neck, pan, tilt, target):
 
 
 def worth(neck, targets):
-    """Gaze error for a radian of pan and of tilt, shape (..., 2), where the neck looks at the targets.
+    """Gaze error per radian of pan and of tilt, shape (..., 2), with the gaze at the targets.
 
     The target's distance from the joint's axis, across the ray, over its distance from the eye.
     """
@@ -82,9 +82,9 @@ def servo_tick(axis, p, v, u, h):
 def rolled(neck, i, lengths):
     """Joint angle, its velocity and acceleration, command, its velocity and acceleration at the end of each step.
 
-    A step lasts so many control periods as `lengths` says.
+    `lengths` are the step durations in control periods.
 
-    Returns the matrices by which they depend on the state, shape (6 K, 5), and on the jerks, shape (6 K, K).
+    Returns their Jacobians by the state, shape (6 K, 5), and by the jerks, shape (6 K, K).
     """
     axis, h = neck.axes[i], neck.servo_period_s
     wn, zeta = axis.natural_frequency_rad_s, axis.damping_ratio
@@ -107,7 +107,7 @@ def rolled(neck, i, lengths):
 
 @lru_cache
 def oracle(name, lengths):
-    """IPOPT on both joints at once, made once for each neck."""
+    """IPOPT on both joints jointly, built once per neck."""
     neck = load_neck(name)
     limits, steps, lasts = neck.command_limits, len(lengths), np.array(lengths, dtype=float)
     n, ends_s = steps, neck.control_period_s * np.cumsum(lasts)
@@ -146,7 +146,7 @@ def oracle(name, lengths):
     angles = ca.Function("angles", [share, parameters], [ca.vertcat(*joints).T])
 
     def solve(states, offset_rad, times_s, dampings, targets, not_past_rad):
-        # How fast each joint must turn to stay on the target.
+        # Joint velocities that track the target.
         rates = np.gradient(look_at_rad(neck.geometry, targets), ends_s, axis=0)
         values = (np.transpose(states), offset_rad, times_s, dampings, targets.T, worth(neck, targets).T, rates.T)
         p = ca.veccat(*map(ca.DM, (*values, *np.transpose(not_past_rad, (1, 2, 0)))))
@@ -164,7 +164,7 @@ def oracle(name, lengths):
 
 
 class Planned(NamedTuple):
-    """What the MPC was asked and what it answered; joint angles of shape (N, 2), bounds of them two of shape (2, N)."""
+    """Input and output of the MPC; joint angles of shape (N, 2), two bounds of shape (2, N)."""
 
     states: list
     offset_rad: np.ndarray
@@ -177,12 +177,12 @@ class Planned(NamedTuple):
 
 
 class Listener(Mpc):
-    """An MPC that keeps what its programs were given in every plan for which `wanted` says so."""
+    """An MPC that records the inputs of its programs in every plan with `wanted`."""
 
     def __init__(self, neck, smoothing_time_s, acquisition_time_s, **settings):
         smoothing_time_s = smoothing_time_s or LONGEST_TIME_S  # of these necks
         super().__init__(neck, smoothing_time_s=smoothing_time_s, acquisition_time_s=acquisition_time_s, **settings)
-        self.kept, self.wanted, self._calls = [], lambda situation: True, []
+        self.recorded, self.selects, self._calls = [], lambda situation: True, []
         self.lengths = tuple(self.ocps[0].model.lengths.astype(int).tolist())
         for ocps, time_s, damping in (
             (self.ocps, smoothing_time_s, DAMPING),
@@ -206,12 +206,12 @@ class Listener(Mpc):
     def plan(self, situation):
         self._calls.clear()
         plan = super().plan(situation)
-        if self.wanted(situation):
+        if self.selects(situation):
             states, times_s, dampings, not_past_rad, angles = zip(*self._calls, strict=True)
             offset_rad = situation.joint_offset_rad
             means = situation.forecast.means_base_m
             angles_rad = np.stack(angles, axis=1) + offset_rad
-            self.kept.append(
+            self.recorded.append(
                 Planned(states, offset_rad, times_s, dampings, means, not_past_rad, angles_rad, self.lengths)
             )
         return plan
@@ -239,18 +239,16 @@ def rms(values):
         ("reference", 5.0, 1.1, False, 0.05),
         ("reference", 5.0, 1.1, True, 0.05),
         ("fetch", 1.0, 0.4, False, 0.05),
-        # While the pan is 10 deg off, an eye that stands before the axis sees the target higher or lower; the convex
-        # programs, which treat the joints apart, do not know.
+        # At a pan error of 10 deg, an eye in front of the axis has another tilt to the target, which the convex
+        # programs, separate for each joint, do not model.
         ("fetch", 5.0, 1.1, False, 0.15),
     ],
 )
-def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(
-    name, start_deg, speed_m_s, acquired, tolerance_deg
-):
-    """A walker who passes 1.5 m away, from rest beside, under a load: how far the two gazes are apart, RMS."""
+def test_the_convex_gaze_is_close_to_the_nonlinear_optimum(name, start_deg, speed_m_s, acquired, tolerance_deg):
+    """A walker who passes 1.5 m away, from an offset, under a load: RMS angle between the two gazes."""
     neck = load_neck(name)
     mpc = Listener(neck, smoothing_time_s=0.11, acquisition_time_s=0.09, horizon_s=0.5)
-    mpc._acquisitions[0]._on = acquired  # they were farther off
+    mpc._acquisitions[0]._on = acquired  # larger initial error
     times = mpc.forecast_times_s(0.0, 0.0)
 
     def path(t):
@@ -270,12 +268,12 @@ def test_the_gaze_of_the_convex_programs_is_that_of_the_nonlinear_one(
         committed_rad=np.zeros((0, 2)),
     )
     mpc.plan(situation)
-    (planned,) = mpc.kept
+    (planned,) = mpc.recorded
     assert planned.dampings == (ACQUISITION_DAMPING if acquired else DAMPING, DAMPING)
     apart = rms(differences_deg(name, planned))
     print(f"{name}: {apart:.4f} deg RMS")
     assert apart < tolerance_deg
-    # The test would notice: the motion itself is degrees, not hundredths of one.
+    # Sensitivity: the motion itself is degrees, not hundredths of one.
     assert np.degrees(np.ptp(planned.angles_rad[:, 0])) > 2.0
 
 
@@ -287,26 +285,26 @@ def planned_on_walks(walks_dir, name):
         try:
             placed = place(load(path), "side", settings.distance_m, settings.height_m)
             ticks = np.round(np.array([0.15, 0.45, 0.8]) * placed.times_s[-1] * neck.control_rate_hz)
-            mpc.wanted = lambda situation, ticks=ticks: round(situation.start_s * neck.control_rate_hz) in ticks
+            mpc.selects = lambda situation, ticks=ticks: round(situation.start_s * neck.control_rate_hz) in ticks
             replayed(placed, mpc, neck=neck)
         except (PlacementError, LeftOutError):
             continue
-    assert len(mpc.kept) > 9
-    return mpc.kept
+    assert len(mpc.recorded) > 9
+    return mpc.recorded
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "most_rms_deg", "most_deg"), [("reference", 0.01, 0.1), ("fetch", 0.03, 0.3)])
-def test_on_real_walks_the_gaze_is_that_of_the_nonlinear_one(walks_dir, name, most_rms_deg, most_deg):
+def test_on_real_walks_the_convex_gaze_is_close_to_the_nonlinear_optimum(walks_dir, name, most_rms_deg, most_deg):
     """Over all instants and the whole horizon, forecasts and smoothing times as they were.
 
-    The aim is 0.05 deg RMS; held to less. Where `fetch` is far off, its eye is beside the axis, which the convex
-    programs do not know.
+    The aim is 0.05 deg RMS; the bound is tighter. At large errors `fetch` has its eye off the axis, which the convex
+    programs do not model.
     """
     planned = planned_on_walks(walks_dir, name)
     apart = np.array([differences_deg(name, each) for each in planned])
     print(f"{name}: {len(planned)} plans, {rms(apart):.5f} deg RMS, at most {apart.max():.4f} deg")
     assert rms(apart) < most_rms_deg
     assert apart.max() < most_deg
-    # The test would notice: the gaze turns by degrees.
+    # Sensitivity: the gaze turns by degrees.
     assert np.mean([np.degrees(np.ptp(each.angles_rad[:, 0])) for each in planned]) > 5.0

@@ -38,9 +38,9 @@ def within_limits(model, command, scaled_jerk, room):
     return all(np.abs(share).max() <= 1.0 + room for share in shares)
 
 
-def test_the_gain_is_used_exactly_where_no_limit_binds():
-    """The best motion without limits, by the normal equations: taken if it keeps them all, else DAQP is asked."""
-    asked = {"gain": 0, "daqp": 0}
+def test_the_gain_is_used_exactly_when_no_limit_is_active():
+    """The unconstrained optimum by the normal equations: used if feasible, else DAQP solves."""
+    solved = {"gain": 0, "daqp": 0}
     rng = np.random.default_rng(6)
     for _ in range(200):
         near = rng.uniform(0, 0.9) * rng.choice([-1, 1])
@@ -49,30 +49,30 @@ def test_the_gain_is_used_exactly_where_no_limit_binds():
         solution = OCP.solve(state, reference)
         free = np.linalg.lstsq(*least_squares(state, reference), rcond=None)[0]
         command = (MODEL.knots @ np.concatenate([state, [1.0], free])).reshape(3, N)
-        asked[solution.solver] += 1
+        solved[solution.solver] += 1
         if solution.solver == "gain":
             assert within_limits(MODEL, solution.command, solution.scaled_jerk, 1e-8)
         else:
             assert not within_limits(MODEL, command, free, -1e-5)
-    assert min(asked.values()) > 25
+    assert min(solved.values()) > 25
 
 
 @settings(max_examples=30)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-1, 1), st.floats(-4, -1.5))
-def test_where_no_limit_binds_daqp_finds_what_the_gain_finds(unit_state, change, exponent):
+def test_without_active_limits_daqp_and_the_gain_agree(unit_state, change, exponent):
     state = 10**exponent * np.array(unit_state) * LIMITS
     reference = np.full(N, 10**exponent * change)
     solution = OCP.solve(state, reference)
     g, lower, upper = OCP.changing(parameters(state, reference))
-    asked = Daqp(OCP.program.data).solve(g, lower, upper)
-    assert asked is not None
-    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(joint(OCP, state, asked), abs=1e-9)
+    solved = Daqp(OCP.program.data).solve(g, lower, upper)
+    assert solved is not None
+    assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(joint(OCP, state, solved), abs=1e-9)
     assert kkt_residual(OCP.program.data, g, lower, upper, solution.scaled_jerk).stationarity < 1e-9
 
 
 @pytest.mark.slow
-def test_soft_limits_are_exact_when_they_can_be_kept():
-    """A target far beyond the position limit presses hardest against it, and does not bend it."""
+def test_soft_limits_are_exact_when_feasible():
+    """A target far beyond the position limit does not violate it."""
     state, reference = np.array([1.2, 0, 1.2, 0, 0.0]), np.full(40, 3.0)
     solution = LONG.solve(state, reference)
     z, _ = ipopt(40, 0.085, soft=False)(state, reference)
@@ -91,7 +91,7 @@ def test_soft_limits_are_exact_when_they_can_be_kept():
         ([-1.6, -3.0, -1.6, -3.0, -20.0], -1.0),
     ],
 )
-def test_a_start_outside_the_limits_is_solved_as_by_ipopt_with_slacks(state, target_rad):
+def test_a_start_outside_the_limits_has_the_optimum_of_ipopt_with_slacks(state, target_rad):
     state, reference = np.array(state), np.full(N, target_rad)
     z, _ = ipopt(N, T, soft=True)(state, reference)
     low, high = NECK.command_limits.position_min_rad[0], NECK.command_limits.position_max_rad[0]
@@ -120,7 +120,7 @@ def not_past(reference, below):
 
 @pytest.mark.parametrize("below", [True, False])
 def test_a_joint_with_bounds_does_not_pass_the_person(below):
-    """From rest 0.9 rad away; without the bound it passes by more than a degree."""
+    """From rest 0.9 rad away; without the bound the overshoot exceeds 1 deg."""
     side = 1.0 if below else -1.0
     reference = side * np.linspace(0.7, 0.9, LONG.model.lengths.size)
     state = np.array([-side * 0.2, 0.0, -side * 0.2, 0.0, 0.0])
@@ -130,18 +130,18 @@ def test_a_joint_with_bounds_does_not_pass_the_person(below):
     ours = BOUNDED.solve(state, reference, bounds)
     angles = joint(BOUNDED, state, ours.scaled_jerk)
     assert np.max(side * (angles - reference)) < 1e-3
-    # It comes as soon, but for the last moments.
+    # Equal motion but for the last steps.
     early = slice(0, 20)
     assert angles[early] == pytest.approx(joint(LONG, state, plain.scaled_jerk)[early], abs=0.03)
     assert ours.softened == 0.0
     assert within_limits(BOUNDED.model, ours.command, ours.scaled_jerk, 1e-5)
     g, lower, upper = BOUNDED.changing(parameters(state, reference), bounds)
-    # In units of 150 rad the usual tolerance of being on a bound would be nearly a degree.
+    # In units of 150 rad the default tolerance of an active bound would be nearly a degree.
     data = BOUNDED.program.data
     assert kkt_residual(data, g, lower, upper, ours.scaled_jerk, tolerance=1e-6).stationarity < 1e-4
 
 
-def test_limits_come_before_not_passing():
+def test_limits_have_priority_over_the_no_passing_bound():
     """Too fast to stop before a near person: overshoot, and all limits are kept."""
     state, reference = np.array([0.0, 2.4, 0.2, 2.4, 0.0]), np.full(LONG.model.lengths.size, 0.1)
     ours = BOUNDED.solve(state, reference, not_past(reference, below=True))
@@ -152,8 +152,8 @@ def test_limits_come_before_not_passing():
 
 @pytest.mark.parametrize("ocp", [OCP, LONG], ids=["20", "40"])
 @pytest.mark.parametrize("scale", [0.3, 0.8, 1.5])
-def test_answers_are_optimal(ocp, scale):
-    """Apart from any solver; up to 1.5 times the limits, where most starts make them soft."""
+def test_solutions_satisfy_the_kkt_conditions(ocp, scale):
+    """Independent of any solver; starts up to 1.5 times the limits, where most soften them."""
     data = ocp.program.data
     daqp, softened = Daqp(data), 0
     for state, reference in random_states(60, scale, ocp.model.lengths.size, seed=1):
@@ -163,7 +163,7 @@ def test_answers_are_optimal(ocp, scale):
         residual = kkt_residual(data, g, lower, upper, answer)
         assert residual.stationarity < 1e-6
         assert residual.bound < 1e-5
-        # The check would notice: the first jerk a hundredth off.
+        # Sensitivity: the first jerk perturbed by a hundredth.
         off = answer.copy()
         off[0] -= 0.01 * np.sign(off[0])
         assert kkt_residual(data, g, lower, upper, off).stationarity > 1e-3
@@ -173,8 +173,8 @@ def test_answers_are_optimal(ocp, scale):
 
 @pytest.mark.parametrize(("pull", "best"), [(0.25, 0.25), (2.0, 0.5), (2.75, 0.75), (9.0, 1.0)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_residual_of_a_program_solved_by_hand(pull, best, side):
-    """(x - pull)^2 / 2 with |x| <= 1/2 at 2 a unit: inside, held by a multiplier up to 2, beyond, at the bound."""
+def test_the_kkt_residual_of_a_program_solved_by_hand(pull, best, side):
+    """(x - pull)^2 / 2, |x| <= 1/2 at a price of 2: inside, on the limit (multiplier up to 2), beyond, at the bound."""
     data = QpData(h=np.eye(1), a=np.eye(1), penalty=2.0)
     for x in (0.0, 0.25, 0.5, 0.75, 1.0):
         residual = kkt_residual(data, np.array([-side * pull]), np.array([-0.5]), np.array([0.5]), np.array([side * x]))
@@ -183,8 +183,8 @@ def test_the_residual_of_a_program_solved_by_hand(pull, best, side):
 
 @settings(max_examples=50)
 @given(st.tuples(*[st.floats(-1, 1)] * 5), st.floats(-6, 6), st.floats(-4, 4), st.sampled_from([0.3, 1.0, 3.0]))
-def test_any_state_has_a_solution(unit_state, target_rad, slope_rad_s, scale):
-    """Also starts far outside every limit and unreachable targets: soft limits always leave a way."""
+def test_the_program_is_feasible_for_any_state(unit_state, target_rad, slope_rad_s, scale):
+    """Also starts far outside every limit and unreachable targets: soft limits keep the program feasible."""
     state = scale * np.array(unit_state) * LIMITS
     solution = OCP.solve(state, target_rad + slope_rad_s * np.linspace(0, 0.4, N))
     assert np.abs(solution.scaled_jerk).max() <= 1.0 + 1e-9
@@ -192,8 +192,8 @@ def test_any_state_has_a_solution(unit_state, target_rad, slope_rad_s, scale):
     assert np.all(np.isfinite(solution.command))
 
 
-def test_where_the_solver_is_stopped_the_motion_is_the_best_without_limits():
-    """Stopped on purpose, on a start that needs more than one change of its active set; the smoother does the rest."""
+def test_a_stopped_solver_gives_the_unconstrained_optimum():
+    """Stopped at a start with several active-set changes; the smoother keeps the limits."""
     state, reference = np.array([0.0, 0.0, 0.0, 2.0, 10.0]), np.ones(N)
     stopped = AxisOcp(MODEL, T, iterations=1).solve(state, reference)
     assert stopped.solver == "none"
@@ -203,8 +203,8 @@ def test_where_the_solver_is_stopped_the_motion_is_the_best_without_limits():
     assert AxisOcp(MODEL, T).solve(state, reference).solver == "daqp"
 
 
-def test_a_solver_that_gave_up_goes_on_as_if_new():
-    """What a stopped run leaves behind is no start for the next one."""
+def test_a_failed_solve_is_not_used_as_warm_start():
+    """The state of a stopped solve is discarded."""
     tired = Daqp(OCP.program.data, iteration_limit=32)
     statuses = []
     for state, reference in random_states(100, 1.0, N, seed=2):
@@ -219,7 +219,7 @@ def test_a_solver_that_gave_up_goes_on_as_if_new():
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("where", [0, 1])
-def test_what_is_not_finite_is_refused(where, value):
+def test_nan_and_infinity_are_refused(where, value):
     for k in range(5):
         arguments = [np.zeros(5), np.zeros(N)]
         arguments[where][k] = value

@@ -34,7 +34,7 @@ SLOW = np.array([0.02, 0.05, 0.0275, 0.05, 0.0])
         (np.array([1.2, 0.5, 1.25, 0.3, 0.0]), 1.3, 1.4, "jerk acceleration position"),
     ],
 )
-def test_solution_is_that_of_ipopt(state, from_rad, to_rad, binding):
+def test_the_solution_equals_that_of_ipopt(state, from_rad, to_rad, binding):
     """The farther the target the more limits bind."""
     steps = LONG.model.lengths.size
     reference = np.linspace(from_rad, to_rad, steps)
@@ -58,7 +58,7 @@ def test_solution_is_that_of_ipopt(state, from_rad, to_rad, binding):
 
 
 def test_unconstrained_solution_is_least_squares():
-    """Where no limit binds; solved here by scipy from the definition."""
+    """Without active limits; least squares by SciPy from the definition."""
     state, reference = np.zeros(5), 0.001 * np.sin(np.linspace(0, 1, N))
     best = lsq_linear(*least_squares(state, reference))
     ours = OCP.solve(state, reference)
@@ -68,8 +68,8 @@ def test_unconstrained_solution_is_least_squares():
     assert ours.scaled_jerk == pytest.approx(best.x, abs=1e-8)
 
 
-def test_prediction_is_the_continuous_time_model():
-    """The rolled maps against scipy's ODE solver with the command held between servo ticks; steps of many lengths."""
+def test_the_prediction_equals_the_continuous_time_model():
+    """Prediction matrices against SciPy's ODE solver with commands held between servo ticks; unequal steps."""
     lengths = (1, 1, 2, 3)
     p = AxisModel(NECK, 0, lengths, 5)
     program = AxisOcp(p, T).program
@@ -108,8 +108,8 @@ def test_prediction_is_the_continuous_time_model():
 UNEVEN = (1, 1, 1, 2, 3, 4)
 
 
-def test_the_command_is_that_of_the_jerks():
-    """What is returned is the motion that the returned jerks make; also where the position limits are lopsided."""
+def test_the_command_is_the_integral_of_the_jerks():
+    """The returned motion is the integral of the returned jerks, also with asymmetric position limits."""
     uneven = AxisModel(NECK, 0, UNEVEN, sum(UNEVEN))
     for ocp in (OCP, AxisOcp(even(N, 1), T), AxisOcp(uneven, T), AxisOcp(uneven, T, bounded=True)):
         lengths = ocp.model.lengths.astype(int)
@@ -123,8 +123,8 @@ def test_the_command_is_that_of_the_jerks():
                     assert solution.command[:, k] == pytest.approx([u, du, ddu], abs=1e-8)
 
 
-def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
-    """From just below the limit and still speeding up, a jerk at the wrong step's end would carry it past."""
+def test_the_velocity_limit_holds_across_unequal_steps():
+    """From just below the limit while accelerating; a row at the wrong step's end would allow a violation."""
     ocp = AxisOcp(AxisModel(NECK, 0, UNEVEN, sum(UNEVEN)), T)
     limit = NECK.command_limits.velocity_max_rad_s[0]
     bound, reached = 0, 0.0
@@ -132,7 +132,7 @@ def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
         for speed in np.linspace(0.92, 1.0, 9) * limit:
             state = np.array([0.0, speed, 0.0, speed, acceleration])
             solution = ocp.solve(state, np.linspace(0.5, 1.2, len(UNEVEN)))
-            # What the state itself says of the first step cannot be helped.
+            # The initial state alone determines part of the first step.
             if solution.softened or speed + acceleration * H / 2 > limit:
                 continue
             _, v, a = np.column_stack([state[2:], solution.command])
@@ -145,8 +145,8 @@ def test_the_velocity_keeps_its_limit_between_steps_of_different_length():
     assert reached > limit * (1 - 1e-3)
 
 
-def test_growing_steps_plan_what_even_ones_do():
-    """The first jerk, which is all that is sent before the next plan, and the joint where both have a step's end."""
+def test_growing_steps_give_the_plan_of_equal_steps():
+    """Compared: the first jerk, which is all that is sent before the next plan, and the joint at common knots."""
     horizon = growing_steps(0.8, H)
     assert horizon[:3] == (1, 1, 1)
     assert sum(horizon) == 40

@@ -1,4 +1,4 @@
-"""Own costs and rows: the optimum that IPOPT finds for the same statement, and clear errors for all else."""
+"""User-defined costs and rows: the optimum of IPOPT for the same program, and errors for invalid ones."""
 
 import casadi as ca
 import numpy as np
@@ -50,7 +50,7 @@ def ours(terms, rows, bounded=False):
 @given(
     st.lists(st.tuples(symbols, st.floats(1e-3, 3.0), st.floats(-0.5, 0.5)), min_size=1, max_size=2), st.integers(0, 50)
 )
-def test_own_terms_give_the_optimum_that_ipopt_finds(drawn, seed):
+def test_user_terms_give_the_optimum_of_ipopt(drawn, seed):
     terms = [squares(*each) for each in drawn]
     ocp, best = ours(terms, []), ipopt_of(NECK, 0, (1,) * STEPS, TUNING, True, tuple(terms))
     for state, reference in random_states(2, 0.2, STEPS, seed):
@@ -65,7 +65,7 @@ def test_own_terms_give_the_optimum_that_ipopt_finds(drawn, seed):
 @pytest.mark.slow
 @settings(max_examples=8)
 @given(symbols.filter(lambda names: names[0] != names[1]), st.floats(0.02, 2.0), st.integers(0, 50))
-def test_own_rows_give_the_optimum_that_ipopt_finds(names, width, seed):
+def test_user_rows_give_the_optimum_of_ipopt(names, width, seed):
     row = between(names, width)
     ocp = ours([], [row])
     best = ipopt_of(NECK, 0, (1,) * STEPS, TUNING, True, (), (row,))
@@ -77,8 +77,8 @@ def test_own_rows_give_the_optimum_that_ipopt_finds(names, width, seed):
             assert joint(ocp, state, solution.scaled_jerk) == pytest.approx(z[0], abs=2e-5)
 
 
-def test_a_calm_and_posed_joint_is_that_of_ipopt():
-    """The same for one choice that is quick."""
+def test_velocity_and_posture_terms_give_the_optimum_of_ipopt():
+    """One quick case of the same comparison."""
     terms = (lambda o: 0.05 * ca.sumsqr(o.du), lambda o: 0.3 * ca.sumsqr(o.q - 0.2))
     row = between(("u", "q"), 0.1)
     ocp, best = ours(terms, (row,)), ipopt_of(NECK, 0, (1,) * STEPS, TUNING, True, terms, (row,))
@@ -87,7 +87,7 @@ def test_a_calm_and_posed_joint_is_that_of_ipopt():
         assert joint(ocp, state, solution.scaled_jerk) == pytest.approx(z[0], abs=2e-5)
 
 
-def test_parts_are_of_pan_and_tilt_or_of_one_joint():
+def test_terms_apply_to_pan_and_tilt_or_to_one_joint():
     seen = []
 
     def noted(o):
@@ -102,8 +102,8 @@ def test_parts_are_of_pan_and_tilt_or_of_one_joint():
     assert [np.array_equal(a, b) for a, b in zip(hessians[0], hessians[2], strict=True)] == [True, False, True, False]
 
 
-def test_a_function_is_asked_anew_for_each_controller():
-    """It may close over a value that changes."""
+def test_a_term_function_is_evaluated_for_each_controller():
+    """The function may close over a changing value."""
     weight = [0.01]
 
     def term(o):
@@ -137,7 +137,7 @@ FOREIGN, PARAMETER = ca.SX.sym("q_0"), ca.MX.sym("g")
         (3.0, "not a function"),
     ],
 )
-def test_what_is_not_a_convex_quadratic_is_refused(term, why):
+def test_a_cost_that_is_not_convex_quadratic_is_refused(term, why):
     with pytest.raises(SettingsError, match=rf"mpc\.terms\[0\].*{why}"):
         Mpc(NECK, terms=[term])
 
@@ -157,7 +157,7 @@ def test_what_is_not_a_convex_quadratic_is_refused(term, why):
         (lambda o: ca.vertcat(o.u + 2.0, o.u - 2.0), "infeasible"),
     ],
 )
-def test_what_is_not_linear_or_cannot_be_kept_is_refused(row, why):
+def test_a_nonlinear_or_infeasible_row_is_refused(row, why):
     with pytest.raises(SettingsError, match=rf"mpc\.rows.*{why}"):
         Mpc(NECK, rows=[row])
 
@@ -170,12 +170,12 @@ def test_what_is_not_linear_or_cannot_be_kept_is_refused(row, why):
         ({"pan": 3}, r"\['pan'\]: int"),
     ],
 )
-def test_a_wrong_choice_is_refused(terms, why):
+def test_an_invalid_option_is_refused(terms, why):
     with pytest.raises(SettingsError, match=why):
         Mpc(NECK, terms=terms)
 
 
-def test_a_symbol_of_another_trajectory_is_foreign():
+def test_a_symbol_of_another_trajectory_is_refused():
     kept = []
 
     def term(o):
@@ -186,8 +186,8 @@ def test_a_symbol_of_another_trajectory_is_foreign():
         Mpc(NECK, terms=[term])
 
 
-def test_a_lag_limit_is_kept_in_closed_loop():
-    """The joint may lag its command by 2 deg at most; a jump of 30 deg without the row makes it lag by more."""
+def test_a_lag_limit_holds_in_closed_loop():
+    """The row bounds the lag by 2 deg; without it a step of 30 deg exceeds that."""
 
     def lag(o):
         return (o.u - o.q) / np.radians(2.0)
@@ -199,7 +199,7 @@ def test_a_lag_limit_is_kept_in_closed_loop():
         joints, commands, _ = run(Mpc(NECK, rows=rows), NECK, still(np.radians(30.0)), 600)
         most[name] = np.degrees(np.abs(commands[:-late, 0] - joints[late:, 0])).max()
     assert most["plain"] > 5.0
-    # The row holds at the ends of steps, after the first ones, whose motion is already on its way.
+    # The row holds at the ends of steps, after the first ones, whose motion is already commanded.
     assert most["row"] < 2.1
 
 
@@ -208,8 +208,8 @@ def replayed(mpc):
     return replay_scene(scene, mpc, "constant_velocity").log
 
 
-def test_terms_that_press_a_limit_open_are_named():
-    """Dearer than the slacks: the plan leaves limits, the smoother keeps them, and an event names the term."""
+def test_terms_that_outweigh_the_slack_price_are_named():
+    """A weight above the slack price: the plan violates limits, the smoother keeps them, an event names the term."""
 
     def far_away(o):
         return 1e7 * ca.sumsqr(o.q - 3.0)
@@ -221,8 +221,8 @@ def test_terms_that_press_a_limit_open_are_named():
     assert log.command_position_rad[:, 0].max() <= NECK.command_limits.position_max_rad[0] + 1e-9
 
 
-def test_a_row_that_cannot_be_kept_now_is_named():
-    """It can be kept in other states, so it is no mistake: the nearest plan is taken."""
+def test_a_temporarily_infeasible_row_is_named():
+    """The row is feasible in other states, so it is accepted, and the nearest plan is used."""
 
     def at_once(o):
         return (o.q - o.r) / 1e-4
@@ -232,7 +232,7 @@ def test_a_row_that_cannot_be_kept_now_is_named():
     assert any("at_once" in fault.error for fault in log.faults)
 
 
-def test_by_name_on_the_command_line(tmp_path, monkeypatch):
+def test_terms_are_given_by_name_on_the_command_line(tmp_path, monkeypatch):
     (tmp_path / "own_mpc_parts.py").write_text(
         "import casadi as ca\n\n\ndef calm(o):\n    return 0.05 * ca.sumsqr(o.du)\n", encoding="utf-8"
     )
@@ -251,6 +251,6 @@ def test_by_name_on_the_command_line(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("choice", ["calm", "my_terms", "roll=my_terms:calm", "my_terms:", "=a:b:c", "my terms:calm"])
-def test_a_function_that_is_named_wrongly_is_refused(choice):
+def test_an_unknown_term_function_is_refused(choice):
     with pytest.raises(ValueError, match="module:function"):
         check_function(choice)

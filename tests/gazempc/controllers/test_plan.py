@@ -1,4 +1,4 @@
-"""A plan is a value: its shapes are checked, and it is the integral of its jerks."""
+"""A plan: shape checks, and integration of its jerks."""
 
 import numpy as np
 import pytest
@@ -33,9 +33,9 @@ def test_a_plan_is_the_integral_of_its_jerks(steps):
     for k, jerk in enumerate(jerks):
         for share in (0.0, 0.3, 0.99):
             found = plan.at(1.0 + (k + share) * h)
-            wanted = moved(knots[k], jerk, share * h)
+            expected = moved(knots[k], jerk, share * h)
             motion = found.position_rad, found.velocity_rad_s, found.acceleration_rad_s2
-            np.testing.assert_allclose(motion, wanted, atol=1e-7)
+            np.testing.assert_allclose(motion, expected, atol=1e-7)
     position_rad, velocity_rad_s, _ = knots[-1]
     assert plan.at(plan.end_s).position_rad == pytest.approx(position_rad + h * velocity_rad_s)
     assert plan.at(0.9).position_rad == pytest.approx(knots[0][0])

@@ -1,4 +1,4 @@
-"""The formula, the weights and the rows of the page *Controllers* are those of the statement."""
+"""The cost, weights and rows on the page *Controllers* equal those of the code."""
 
 import re
 
@@ -14,7 +14,7 @@ from gazempc.controllers.mpc.mpc import LONGEST_TIME_S
 from gazempc.neck.spec import load_neck
 from gazempc.settings import MpcSettings
 
-NECK = load_neck("fetch")  # its limits are lopsided in tilt
+NECK = load_neck("fetch")  # its limits are asymmetric in tilt
 LENGTHS = growing_steps(0.8, NECK.control_period_s)
 PAGE = page("controllers")
 DAMPED = problem.Tuning(0.11, ACQUISITION_DAMPING)
@@ -48,7 +48,7 @@ def evaluated(expression, o, values):
 
 
 @pytest.mark.parametrize("tuning", [problem.Tuning(0.12), DAMPED])
-def test_the_cost_is_that_of_the_page(tuning):
+def test_the_cost_equals_that_of_the_page(tuning):
     o, values = problem.Trajectory(NECK, 0, LENGTHS), drawn()
     cost, _ = formula()
     assert cost.endswith(" + rho sum(s)")
@@ -67,7 +67,7 @@ def test_the_cost_is_that_of_the_page(tuning):
 
 
 @pytest.mark.parametrize("index", [0, 1])
-def test_the_rows_are_those_of_the_page(index):
+def test_the_rows_equal_those_of_the_page(index):
     """Each line `low - s <= value <= high + s` is a row that is -1 at low and 1 at high."""
     o, values, limits = problem.Trajectory(NECK, index, LENGTHS), drawn(), NECK.command_limits
     h = np.array(LENGTHS, dtype=float) * NECK.control_period_s
@@ -97,7 +97,7 @@ def weight(name):
     return re.search(rf"^\| {name} \| ([\d.]+)", PAGE, re.MULTILINE)[1]
 
 
-def test_the_weights_are_those_of_the_page():
+def test_the_weights_equal_those_of_the_page():
     defaults = MpcSettings()
     assert float(weight(r"T, `mpc\.smoothing_time_s`")) == LONGEST_TIME_S
     assert float(weight(r"`mpc\.acquisition_time_s`")) == defaults.acquisition_time_s

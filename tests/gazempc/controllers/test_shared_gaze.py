@@ -1,4 +1,4 @@
-"""One gaze shared among head, eyes and body."""
+"""Redundant gaze of head, eyes and body."""
 
 import numpy as np
 import pytest
@@ -45,8 +45,8 @@ def test_with_the_true_future_the_gaze_stays_on_the_person(make, neck):
 
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
-def test_the_eyes_take_what_the_head_leaves(make):
-    """The head alone is degrees off, and far smoother than that of a neck without eyes."""
+def test_the_eyes_compensate_the_error_of_the_head(make):
+    """The head's own error is degrees, and its motion far smoother than without eyes."""
     joints, _, _ = run(make(EYES), EYES, crossing, 250, start_rad=start(EYES))
     alone, _, _ = run(make(NECK), NECK, crossing, 250, start_rad=start(EYES)[:2])
     acceleration, of_alone = (
@@ -57,7 +57,7 @@ def test_the_eyes_take_what_the_head_leaves(make):
 
 
 @pytest.mark.parametrize("make", [LookAhead, Mpc])
-def test_a_large_shift_is_made_by_the_eyes_first(make):
+def test_the_eyes_lead_the_head_in_a_large_shift(make):
     joints, _, error_deg = run(make(EYES), EYES, standing, 300, start_rad=np.zeros(4))
     eye_deg, head_deg = np.rad2deg(joints[:, 2]), np.rad2deg(joints[:, 0])
     at_limit = int(np.flatnonzero(eye_deg > EYE_LIMIT_DEG - 2.0)[0])
@@ -68,8 +68,8 @@ def test_a_large_shift_is_made_by_the_eyes_first(make):
     assert error_deg[-1] < 0.1
 
 
-def test_reactive_eyes_cancel_the_measured_head():
-    """The gaze reaches a person at rest long before the head has come round."""
+def test_reactive_eyes_compensate_the_measured_head():
+    """The gaze reaches a person at rest long before the head."""
     joints, _, error_deg = run(
         Reactive(EYES), EYES, lambda t: standing(t) * [1.0, 0.3, 1.0], 100, start_rad=np.zeros(4)
     )
@@ -78,7 +78,7 @@ def test_reactive_eyes_cancel_the_measured_head():
 
 
 @pytest.mark.parametrize("make", [Reactive, Mpc])
-def test_a_body_brings_in_reach_what_the_head_alone_cannot_see(make):
+def test_a_body_joint_extends_the_reach_of_the_head(make):
     behind = np.array([-1.0, 1.2, 0.2])
     ticks = round(4.0 / BODY.servo_period_s)
     joints, _, error_deg = run(
@@ -89,7 +89,7 @@ def test_a_body_brings_in_reach_what_the_head_alone_cannot_see(make):
 
 
 def stuck(joint, stuck_from_s):
-    """A neck of which one joint stands still from some time on."""
+    """A neck with one joint blocked from some time on."""
 
     class Stuck(SimulatedNeck):
         def __init__(self, neck, start_rad, clock_s, seed=0):
@@ -116,14 +116,14 @@ def to_and_fro(times_s):
 @pytest.mark.parametrize(
     ("make", "neck", "joint", "stuck_from_s", "ticks", "most_deg"),
     [
-        # By the head in place of an eye: some 7 deg if it went on as before.
+        # The head compensates a blocked eye: otherwise about 7 deg.
         pytest.param(LookAhead, EYES, 2, 0.0, 600, 0.3, id="eye from the start"),
         pytest.param(Mpc, EYES, 2, 1.6, 600, 0.3, id="eye on the way"),
         pytest.param(Mpc, BODY, 2, 1.0, 200, 0.8, id="body"),
         pytest.param(LookAhead, EYES, 0, 0.5, 400, 0.05, id="head"),
     ],
 )
-def test_the_others_take_over_from_a_joint_that_stands_still(make, neck, joint, stuck_from_s, ticks, most_deg):
+def test_redundant_joints_compensate_a_blocked_joint(make, neck, joint, stuck_from_s, ticks, most_deg):
     joints, _, error_deg = run(
         make(neck), neck, to_and_fro, ticks, start_rad=start(neck, to_and_fro), robot_type=stuck(joint, stuck_from_s)
     )
@@ -140,6 +140,6 @@ def test_eyes_at_their_limit_are_an_event():
             return plans[-1]
 
     run(Kept(EYES), EYES, standing, 150, start_rad=np.zeros(4))
-    said = ["eyes_at_limit" in plan.events for plan in plans]
-    assert any(said[:15])
-    assert not any(said[-5:])
+    limited = ["eyes_at_limit" in plan.events for plan in plans]
+    assert any(limited[:15])
+    assert not any(limited[-5:])

@@ -1,4 +1,4 @@
-"""A recording of a plant without noise, which many tests begin from."""
+"""A noise-free record shared by the tests."""
 
 import pytest
 from builders.identification import plant, simulate
@@ -6,5 +6,5 @@ from builders.identification import plant, simulate
 
 @pytest.fixture(scope="session")
 def clean():
-    """A record of the reference neck without any noise."""
+    """A noise-free record of the reference neck."""
     return simulate(plant())

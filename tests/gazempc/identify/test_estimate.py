@@ -1,4 +1,4 @@
-"""Dead time, servo and latency are found where the truth is known, with honest intervals, or refused."""
+"""Identification of known dead time, servo and latency, with interval coverage, or refusal."""
 
 import math
 
@@ -24,7 +24,7 @@ TRUTHS = [
 
 
 @pytest.mark.parametrize(("dead_times_s", "wn", "zeta"), TRUTHS)
-def test_dead_time_and_servo_are_told_apart(dead_times_s, wn, zeta):
+def test_dead_time_and_servo_are_identified_separately(dead_times_s, wn, zeta):
     taken = simulate(plant(dead_times_s, wn, zeta, encoder_noise_deg=0.1, load_offset_deg=1.5), seed=3)
     for axis, dead_time_s in enumerate(dead_times_s):
         found = estimate_axis(taken, axis)
@@ -35,8 +35,8 @@ def test_dead_time_and_servo_are_told_apart(dead_times_s, wn, zeta):
 
 
 @pytest.mark.slow
-def test_intervals_hold_what_they_promise(clean):
-    """95 % intervals of repeats with noise that is correlated in time, as of friction, hold the truth."""
+def test_intervals_have_nominal_coverage(clean):
+    """95 % intervals cover the truth under noise correlated in time, as of friction."""
     rng = np.random.default_rng(0)
     thin = altered(clean, joint_time_s=clean.joint_time_s[::4], joint_rad=clean.joint_rad[::4])
     truths = (0.4, 12.0, 0.9, bandwidth_hz(12.0, 0.9))
@@ -48,14 +48,14 @@ def test_intervals_hold_what_they_promise(clean):
         intervals = (found.dead_time_s, found.natural_frequency_rad_s, found.damping_ratio, found.bandwidth_hz)
         for i, (interval, truth) in enumerate(zip(intervals, truths, strict=True)):
             inside[i] += interval.low <= truth <= interval.high
-            # An interval that is too wide holds the truth too, but says nothing: a third of it must often miss.
+            # Intervals are not too wide: a third of the width must often miss the truth.
             narrow[i] += abs(truth - interval.value) <= interval.half_width / 6
     assert np.all(inside >= 0.8 * repeats), inside / repeats
     assert np.all(narrow <= 0.75 * repeats), narrow / repeats
 
 
-def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
-    """As of cheap hardware; a known delay of the stamps is taken off."""
+def test_identification_from_sparse_quantised_outlying_and_repeated_readings(clean):
+    """As of cheap hardware; a known stamp delay is subtracted."""
     step = math.radians(0.088)
     angles_rad = np.round(clean.joint_rad[::6] / step) * step
     angles_rad[50::97] = -math.pi
@@ -65,8 +65,8 @@ def test_rare_coarse_wild_and_repeated_readings_with_late_stamps(clean):
 
 
 @pytest.mark.slow
-def test_eyes_and_body_are_identified_each_for_itself(tmp_path):
-    """Dead times and servos of five joints, all different, from one run of the command."""
+def test_eyes_and_body_are_identified_separately(tmp_path):
+    """Five different joints from one run of the command."""
     truth = at_100_hz("reference_eyes")
     eyes = {"pan": altered_axis(truth.eyes.pan, 0.06, 50.0), "tilt": altered_axis(truth.eyes.tilt, 0.045, 40.0)}
     body = altered_axis(truth.pan, 0.3, 8.0)
@@ -90,7 +90,7 @@ def altered_axis(axis, dead_time_s, wn):
 
 
 def refusal(taken, axis=0, **options):
-    """Text with which it is refused, before or after the fit."""
+    """Message of the refusal, before or after the fit."""
     try:
         return "\n".join(estimate_axis(taken, axis, **options).doubts)
     except IdentificationError as error:
@@ -102,7 +102,7 @@ def with_noise(taken, sigma_deg):
 
 
 def friction(taken):
-    """A joint that moves only in jumps of 40 degrees."""
+    """Stick-slip: a joint that moves in jumps of 40 degrees."""
     return np.round(taken.joint_rad / math.radians(40)) * math.radians(40)
 
 
@@ -131,13 +131,13 @@ def test_data_that_do_not_determine_the_servo_are_refused(clean, problem):
     assert text.startswith("pan: ")
 
 
-def test_refuses_a_dead_time_beyond_what_was_looked_for(clean):
+def test_a_dead_time_beyond_the_search_range_is_refused(clean):
     assert "--dead-time-max-s" in refusal(clean, dead_time_max_s=0.3)
     assert refusal(clean, dead_time_max_s=0.5) == ""
 
 
-def test_play_in_the_gears_is_noted_and_noise_is_not(clean):
-    """The intervals know noise only; what the model cannot be must be said."""
+def test_backlash_is_reported_and_noise_is_not(clean):
+    """Intervals cover noise only; model errors are reported."""
     slack, held, rows = math.radians(0.8), clean.joint_rad[0], []
     for angles in clean.joint_rad:
         held = np.clip(held, angles - slack / 2, angles + slack / 2)
@@ -168,13 +168,13 @@ def test_model_is_the_transfer_function_that_scipy_simulates(wn, zeta):
 
 
 @pytest.mark.parametrize(("wn", "zeta"), [(6.0, 0.5), (20.0, 3.0)])
-def test_bandwidth_is_where_the_answer_is_3_db_down(wn, zeta):
+def test_bandwidth_is_the_frequency_of_minus_3_db(wn, zeta):
     _, answer = signal.freqs([wn**2], [1, 2 * zeta * wn, wn**2], [2 * math.pi * bandwidth_hz(wn, zeta)])
     assert abs(answer[0]) == pytest.approx(1 / math.sqrt(2))
 
 
-def test_95_percent_intervals_hold_the_truth_where_errors_are_correlated_in_time():
-    """Of a smooth regression with autoregressive errors; errors of channels that share a time are correlated, too."""
+def test_95_percent_intervals_have_coverage_under_autocorrelated_errors():
+    """A smooth regression with autoregressive errors that are also correlated between channels."""
     rng, times, draws, rhos, channels = np.random.default_rng(0), 400, 300, (0.0, 0.5, 0.8, 0.95), 3
     t = np.arange(times) / 30.0
     jacobian = np.repeat(np.column_stack([np.sin(3.0 * t), np.cos(5.0 * t + 1.0)]), channels, axis=0)

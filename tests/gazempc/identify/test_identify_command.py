@@ -1,4 +1,4 @@
-"""The command: neck files, robots, records, replays, and what it refuses."""
+"""The command: neck files, robots, records, replays, and refusals."""
 
 import datetime
 import tomllib
@@ -21,12 +21,12 @@ SERVO = ("dead_time_s", "natural_frequency_rad_s", "damping_ratio")
 
 
 @pytest.mark.slow
-def test_command_line_identifies_a_robot_and_its_record(tmp_path, capsys):
+def test_the_command_identifies_a_robot_and_its_record(tmp_path, capsys):
     out = tmp_path / "sub" / "mine.toml"
     assert identify.main(["--robot", "simulated", "--neck", "slow", "--out", str(out), "--duration-s", "8"]) == 0
-    said = capsys.readouterr().out
-    assert "400.0 ± 0.1" in said
-    assert str(out) in said
+    output = capsys.readouterr().out
+    assert "400.0 ± 0.1" in output
+    assert str(out) in output
     neck = load_neck(out)
     assert neck.name == "mine"
     assert neck.dead_time_s == pytest.approx([0.4, 0.4], abs=1e-4)
@@ -58,7 +58,7 @@ def test_a_replay_determines_neck_and_sensor_latency(tmp_path, capsys):
     assert captured.low <= 0 <= captured.high
 
 
-def test_a_neck_file_keeps_what_was_not_identified(clean, tmp_path):
+def test_a_neck_file_keeps_unidentified_values(clean, tmp_path):
     found, fetch = estimate_axis(clean, 0), load_neck("fetch")
     path = tmp_path / "n.toml"
     path.write_text(neck_toml(fetch, [found], 'odd "name"', "a\\b\n\x7f", datetime.date(2030, 1, 2)), encoding="utf-8")
@@ -70,7 +70,7 @@ def test_a_neck_file_keeps_what_was_not_identified(clean, tmp_path):
     assert (neck.tilt, neck.geometry, neck.servo_rate_hz) == (fetch.tilt, fetch.geometry, fetch.servo_rate_hz)
 
 
-def test_refused_command_lines(clean, tmp_path, capsys):
+def test_invalid_command_lines_are_refused(clean, tmp_path, capsys):
     out = str(tmp_path / "n.toml")
     still = altered(clean, command_rad=np.column_stack([clean.command_rad[:, 0], np.zeros(len(clean.command_rad))]))
     still.save(tmp_path / "still.npz")
@@ -97,7 +97,7 @@ def test_refused_command_lines(clean, tmp_path, capsys):
 
 
 class Head(SimulatedNeck):
-    """Stands for a driver."""
+    """A test double of a driver."""
 
     def __init__(self, neck, clock_s, position_rad, dead_time_s: float = 0.1):
         changed = {"dead_time_s": dead_time_s}
@@ -131,7 +131,7 @@ class WrongSent(Head):
         return super().send_command(position_rad)[:1]
 
 
-def test_its_dead_time_is_found(tmp_path):
+def test_the_dead_time_of_a_user_defined_robot_is_identified(tmp_path):
     words = ["--robot", f"{__name__}:Head", "--duration-s", "8", "--out", str(tmp_path / "mine.toml")]
     assert identify.main([*words, "--options.dead_time_s", "0.25"]) == 0
     measured = tomllib.loads((tmp_path / "mine.toml").read_text())

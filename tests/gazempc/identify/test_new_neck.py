@@ -17,12 +17,12 @@ from gazempc.neck.spec import load_neck
 SHEET = ["--sheet.pan-deg", "-70", "80", "--sheet.tilt-deg", "-30", "40", "--sheet.speed", "60 rpm"]
 
 
-def test_options_alone_make_a_file_that_marks_assumed_values(tmp_path, capsys):
+def test_options_suffice_and_assumed_values_are_marked(tmp_path, capsys):
     path = tmp_path / "sub" / "mine.toml"
     words = [*SHEET, "--sheet.tilt-speed", "90 deg/s", "--sheet.head-view-deg", "69", "42"]
     assert main(["--new", str(path), *words]) == 0
-    said = capsys.readouterr().out
-    assert str(path) in said
+    output = capsys.readouterr().out
+    assert str(path) in output
     neck = load_neck(path)
     assert neck.name == "mine"
     assert datetime.date.today().isoformat() in neck.source
@@ -40,21 +40,21 @@ def test_options_alone_make_a_file_that_marks_assumed_values(tmp_path, capsys):
     assert (text.count("# assumed"), text.count("# data sheet")) == (13, 5)
 
 
-def test_a_speed_that_the_range_leaves_no_room_for_is_doubted(tmp_path, capsys):
-    """By the rules of thumb reaching a speed and stopping takes 0.25 s of it: of 150 and 70 deg 10.5 and 4.9 rad/s."""
+def test_a_speed_unreachable_within_the_range_is_a_warning(tmp_path, capsys):
+    """By the rules of thumb acceleration and braking take 0.25 s: of 150 and 70 deg, 10.5 and 4.9 rad/s at most."""
     sheet = ["--sheet.pan-deg", "-75", "75", *SHEET[3:-1], "11 rad/s"]
     assert main(["--new", str(tmp_path / "mine.toml"), *sheet]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert [line.split(": ")[1] for line in printed if line.startswith("Warning: ")] == ["tilt"]
 
 
-def test_missing_values_are_asked_for_until_one_can_be_read(tmp_path, monkeypatch, capsys):
+def test_missing_values_are_prompted_for_until_valid(tmp_path, monkeypatch, capsys):
     answers = iter(["-70, 80", "fast", "0.2 s/60deg", "10 50", "40 -30", "5.2 rad/s"])
     monkeypatch.setattr("builtins.input", lambda question: next(answers))
     assert main(["--new", str(tmp_path / "asked.toml")]) == 0
-    said = capsys.readouterr().out
-    assert "'fast'" in said
-    assert "'10 50'" in said
+    output = capsys.readouterr().out
+    assert "'fast'" in output
+    assert "'10 50'" in output
     assert list(answers) == []
     neck = load_neck(tmp_path / "asked.toml")
     assert (neck.pan.position_min_deg, neck.pan.position_max_deg) == (-70.0, 80.0)
@@ -62,7 +62,7 @@ def test_missing_values_are_asked_for_until_one_can_be_read(tmp_path, monkeypatc
     assert neck.velocity_max_rad_s == pytest.approx([0.8 * (math.pi / 3) / 0.2, 0.8 * 5.2], rel=1e-3)
 
 
-def test_refused_data_sheets(tmp_path, monkeypatch, capsys):
+def test_invalid_data_sheets_are_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     new = str(tmp_path / "n.toml")
     for words, problem in (
@@ -115,7 +115,7 @@ def eye_in_torso(pan_rad, tilt_rad):
     return at + turn.apply([0.107, 0.0802, 0.02])
 
 
-def test_the_eye_is_where_the_chain_puts_it(tmp_path, capsys):
+def test_the_eye_pose_equals_forward_kinematics(tmp_path, capsys):
     neck = read_urdf(tiago(tmp_path / "robot.urdf"), "camera")
     assert (neck.base_frame, neck.joint_names) == ("torso", ("head_1_joint", "head_2_joint"))
     assert (neck.joint_signs, neck.speed_rad_s) == ((1, -1), (3.0, 2.0))
@@ -152,7 +152,7 @@ def test_a_chain_without_a_neck_is_refused(tmp_path, change, eye, why):
         read_urdf(tiago(tmp_path / "robot.urdf", **change), eye)
 
 
-def test_a_file_that_is_no_urdf_is_refused(tmp_path):
+def test_an_invalid_urdf_is_refused(tmp_path):
     (tmp_path / "a.urdf").write_text("<robot")
     (tmp_path / "b.urdf").write_text('<!DOCTYPE r [<!ENTITY a "b">]><robot/>')
     for name in ("a.urdf", "b.urdf", "none.urdf"):

@@ -1,4 +1,4 @@
-"""Excitation and recording: within limits, and at rest in the end, whatever ends the run."""
+"""Excitation and recording: within limits, and at rest after any end of a run."""
 
 import itertools
 
@@ -18,7 +18,7 @@ from gazempc.sim.simulated import SimulatedNeck
 
 
 @pytest.mark.parametrize("cause", ["interrupt", "command", "silence"])
-def test_whatever_ends_a_run_the_neck_comes_to_rest_within_limits(cause):
+def test_the_neck_brakes_within_limits_however_a_run_ends(cause):
     clock, calls = SimulatedClock(), itertools.count(1)
     expected = KeyboardInterrupt if cause == "interrupt" else RobotError
 
@@ -39,14 +39,14 @@ def test_whatever_ends_a_run_the_neck_comes_to_rest_within_limits(cause):
     assert np.abs(np.diff(sent, axis=0)).max() / h > 0.5, "it should have been moving"
     assert np.abs(np.diff(sent[-2:], axis=0)).max() < 1e-12, "at rest in the end"
     assert np.all(np.abs(np.diff(sent, axis=0)) / h <= REFERENCE.velocity_max_rad_s)
-    # One command is missing where it failed, which shows in the second difference there; after that all is smooth.
+    # The failed command is missing, which shows in the second difference; the rest is smooth.
     braking = sent[250:] if cause != "silence" else sent
     assert np.all(np.abs(np.diff(braking, 2, axis=0)) / h**2 <= REFERENCE.acceleration_max_rad_s2 * 1.001)
 
 
 @given(seconds=st.floats(0.5, 11.0))
 @settings(max_examples=10)
-def test_braking_keeps_acceleration_and_jerk(seconds):
+def test_braking_keeps_acceleration_and_jerk_limits(seconds):
     motion = excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad
     at = int(seconds * 200)
     u = np.concatenate([motion[:at], brake(REFERENCE, motion[at - 3 : at])])
@@ -55,7 +55,7 @@ def test_braking_keeps_acceleration_and_jerk(seconds):
 
 
 class HeldUp(SimulatedClock):
-    """Wakes up late once."""
+    """A clock with one late wake-up."""
 
     def __init__(self, late_s):
         super().__init__()
@@ -67,8 +67,8 @@ class HeldUp(SimulatedClock):
         super().sleep_until_s(time_s)
 
 
-def test_a_computer_that_is_held_up_makes_no_jump():
-    """What was planned is done later, not left out; after a longer stall the neck is braked and the run is given up."""
+def test_a_late_tick_causes_no_jump():
+    """The plan is delayed, not shortened; after a longer stall the neck is braked and the run aborted."""
     planned = np.abs(np.diff(excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad, axis=0)).max()
     taken = simulate(REFERENCE, clock=HeldUp(0.06))
     assert np.abs(np.diff(taken.command_rad, axis=0)).max() <= planned + 1e-12

@@ -1,4 +1,4 @@
-"""Rotation from pictures of a synthetic panorama, and delay, lag and speeds from it."""
+"""Rotation between pictures of a synthetic panorama; delay, lag and speeds from rotations."""
 
 import datetime
 
@@ -32,7 +32,7 @@ def room():
 
 
 def picture(room, pan, tilt=0.0, person=None, share=1.0, blur=0.0, seed=0):
-    """What a pinhole sees; `person` is the left edge of a patch with a texture of its own, pixels."""
+    """A pinhole picture; `person` is the left edge of a patch with another texture, pixels."""
     x, y = np.meshgrid(np.arange(WIDTH) - (WIDTH - 1) / 2, np.arange(HEIGHT) - (HEIGHT - 1) / 2)
     forward = np.cos(tilt) * FOCAL + np.sin(tilt) * y
     up = np.sin(tilt) * FOCAL - np.cos(tilt) * y
@@ -49,7 +49,7 @@ def picture(room, pan, tilt=0.0, person=None, share=1.0, blur=0.0, seed=0):
 
 
 @pytest.mark.parametrize(("axis", "turn_deg"), [("pan", 0.05), ("pan", -15.0), ("tilt", -3.0), ("tilt", 9.0)])
-def test_the_rotation_between_two_pictures(room, axis, turn_deg):
+def test_the_rotation_between_two_pictures_is_estimated(room, axis, turn_deg):
     turning, turn = Turning(axis, FOV, WIDTH, HEIGHT), np.radians(turn_deg)
     angles = {"pan": turn} if axis == "pan" else {"pan": 0.0, "tilt": turn}
     before, after = turning.flat(picture(room, 0.0)), turning.flat(picture(room, **angles, seed=1))
@@ -57,14 +57,14 @@ def test_the_rotation_between_two_pictures(room, axis, turn_deg):
     assert np.degrees(found) == pytest.approx(turn_deg, abs=0.02 + 0.005 * abs(turn_deg))
 
 
-def test_a_moving_person_does_not_move_the_background(room):
+def test_a_moving_person_does_not_bias_the_rotation(room):
     turning = Turning("pan", FOV, WIDTH, HEIGHT)
     before = turning.flat(picture(room, 0.0, person=60))
     after = turning.flat(picture(room, np.radians(2.0), person=180, seed=1))
     assert np.degrees(turning.between(before, after)) == pytest.approx(2.0, abs=0.05)
 
 
-def test_darkness_is_named(room):
+def test_a_dark_picture_is_reported(room):
     with pytest.raises(IdentificationError, match="dark"):
         Turning("pan", FOV, WIDTH, HEIGHT).flat(picture(room, 0.0, share=0.01))
 
@@ -93,7 +93,7 @@ def pulses(delay_s=0.5, wn=15.0, sign=1.0, noise_deg=0.01, seed=0):
 
 
 @pytest.mark.parametrize(("delay_s", "sign"), [(0.15, 1), (0.6, -1)])
-def test_delay_lag_sign_and_speeds(delay_s, sign):
+def test_delay_lag_sign_and_speeds_are_identified(delay_s, sign):
     found = estimate_turns(pulses(delay_s=delay_s, sign=sign), 1.5)
     assert found.delay_s.value == pytest.approx(delay_s, abs=0.004)
     assert found.natural_frequency_rad_s.value == pytest.approx(15.0, rel=0.05)
@@ -104,7 +104,7 @@ def test_delay_lag_sign_and_speeds(delay_s, sign):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "exposure_s"), [(1.0, 1.0 / 15.0), (0.2, 0.0)], ids=["motion blur", "dim light"])
-def test_motion_blur_and_dim_light_are_survived(room, share, exposure_s):
+def test_motion_blur_and_dim_light_are_tolerated(room, share, exposure_s):
     """A blurred edge at 20 deg/s is 6 pixels wide; in dim light the noise is a sixth of the contrast."""
     rng, seen = np.random.default_rng(0), []
     for step, deg_s in ((1, 6.0), (-1, -6.0), (2, 20.0), (-2, -20.0)):
@@ -121,12 +121,12 @@ def test_motion_blur_and_dim_light_are_survived(room, share, exposure_s):
         assert np.degrees(found.speeds_rad_s[step].value) == pytest.approx(deg_s, rel=0.03)
 
 
-def test_the_delays_interval_covers_the_truth():
+def test_the_delay_interval_covers_the_truth():
     found = [estimate_turns(pulses(noise_deg=0.1, seed=seed), 1.0).delay_s for seed in range(5)]
     assert sum(each.low <= 0.5 <= each.high for each in found) >= 4
 
 
-def test_a_scene_that_does_not_follow_is_refused():
+def test_a_scene_uncorrelated_with_commands_is_refused():
     rng = np.random.default_rng(1)
     wandering = [
         Pulse(p.step, p.on_s, p.off_s, p.time_s, np.cumsum(rng.normal(0, 0.01, p.time_s.size))) for p in pulses()
@@ -156,11 +156,11 @@ def turn_estimate(delay_s, speeds):
 
 @pytest.mark.parametrize(("answers", "dead_time_s"), [(True, 0.3), (False, 0.5)])
 def test_the_neck_file_has_the_measured_table(answers, dead_time_s, tmp_path):
-    """With position answers theirs; without them that of the picture. The camera turns to the right for the step 1."""
+    """Speeds from position answers, else from pictures. The camera turns right at step 1."""
     left, right = {1: 0.09, 2: 0.4, 3: 0.6}, {1: 0.1, 3: 0.5}
     speeds = {k: -v for k, v in right.items()} | {-k: v for k, v in left.items()}
     by_picture = {step: speed * (1.05 if answers else 1.0) for step, speed in speeds.items()}
-    # The answers have the sign of the command, as the robot does.
+    # Position answers have the sign of the command, as on the robot.
     by_answers = turn_estimate(0.3, {k: -v for k, v in speeds.items()}) if answers else None
     axes = [TurnedAxis(name, turn_estimate(0.5, by_picture), by_answers, 3) for name in ("pan", "tilt")]
     path, view_rad = tmp_path / "measured.toml", np.radians([60.0, 36.0])
@@ -188,7 +188,7 @@ def test_the_command_to_use_has_the_options_and_the_measured_signs():
 
 
 @pytest.mark.slow
-def test_the_emulated_camera_is_found_as_it_is(tmp_path, capsys, real_time):
+def test_the_emulated_camera_is_identified(tmp_path, capsys, real_time):
     pytest.importorskip("mujoco")
     out = tmp_path / "found.toml"
     few = {

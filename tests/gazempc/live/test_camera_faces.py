@@ -1,4 +1,4 @@
-"""From a picture to people: faces and their names, directions as OpenCV projects them, heads with errors as stated."""
+"""Faces and their names in pictures, directions against OpenCV's projection, head positions with stated errors."""
 
 import numpy as np
 import pytest
@@ -32,37 +32,37 @@ def names(found):
 
 
 def after(finder, pictures, start_s=0.0):
-    """Names in the last one of some pictures."""
+    """Names in the last of these pictures."""
     return names([finder.see(PICTURE, start_s + k * FRAME_S) for k in range(pictures)][-1])
 
 
 @pytest.mark.parametrize("face", [(100, 100, 24), (320, 260, 300), (610, 450, 30)])
-def test_a_new_face_is_handed_on_within_half_a_second(faces, finder, face):
+def test_a_new_face_is_confirmed_within_half_a_second(faces, finder, face):
     faces.here = [face]
     assert after(finder, 8) == ["1"]
 
 
 @pytest.mark.parametrize(("rate_hz", "pictures"), [(15, 3), (5, 2), (60, 12)])
-def test_a_face_of_a_few_pictures_is_not_handed_on(faces, finder, rate_hz, pictures):
-    """Hair and bald heads from behind score like faces for up to 0.2 s."""
+def test_a_short_detection_is_not_confirmed(faces, finder, rate_hz, pictures):
+    """Heads from behind score like faces for up to 0.2 s."""
     for k in range(40):
         faces.here = [(320, 240, 90)] if k % 20 < pictures else []
         assert finder.see(PICTURE, k / rate_hz) == []
 
 
-def test_what_is_no_face_in_the_mirror_is_no_face(faces, finder):
+def test_a_detection_absent_in_the_mirror_image_is_rejected(faces, finder):
     faces.here, faces.mirrored_score = [(320, 240, 90)], 0.35
     assert all(finder.see(PICTURE, k * FRAME_S) == [] for k in range(30))
     faces.mirrored_score = 0.8
     assert after(finder, 8, 2.0) == ["1"]
-    # A person who is followed turns away: the score stays, the mirror image is not a face any more.
+    # A tracked person turns away: the score stays high, but the mirror image is no face.
     faces.score, faces.mirrored_score = 0.45, 0.32
     assert names(finder.see(PICTURE, 3.0)) == ["1"]
     faces.mirrored_score = 0.28
     assert finder.see(PICTURE, 3.1) == []
 
 
-def test_a_person_keeps_the_name_while_walking_and_while_the_camera_turns(faces, finder):
+def test_a_name_persists_while_person_or_camera_moves(faces, finder):
     for k in range(60):
         faces.here = [(60 + 4 * k + (60 if k > 30 else 0), 200, 30)]
         found = finder.see(PICTURE, k * FRAME_S)
@@ -74,7 +74,7 @@ def test_a_person_keeps_the_name_while_walking_and_while_the_camera_turns(faces,
         assert names(finder.see(PICTURE, 4.0 + 1.5 * k)) == ["1"]
 
 
-def test_two_people_who_pass_each_other_keep_their_names(faces, finder):
+def test_crossing_people_keep_their_names(faces, finder):
     for k in range(60):
         faces.here = [(100 + 6 * k, 200, 40), (500 - 6 * k, 260, 60)]
         found = finder.see(PICTURE, k * FRAME_S)
@@ -83,7 +83,7 @@ def test_two_people_who_pass_each_other_keep_their_names(faces, finder):
     assert left.width_px == pytest.approx(60)
 
 
-def test_who_comes_back_soon_has_the_name_still_and_later_another(faces, finder):
+def test_a_name_persists_over_a_short_absence_only(faces, finder):
     for here, pictures, start_s, found in (
         ([(300, 200, 40)], 8, 0.0, ["1"]),
         ([], 8, 0.6, []),
@@ -100,7 +100,7 @@ RIGHT_EYE, LEFT_EYE, NOSE = (203, 101), (246, 103), (226, 127)
 
 
 @pytest.mark.parametrize(("corner", "side"), [((0, 0), 512), ((-100, -150), 700), ((150, 30), 150)])
-def test_a_face_is_found_in_pixels_of_the_picture_also_beyond_its_edges_and_none_where_none_is(corner, side):
+def test_faces_have_picture_coordinates_also_beyond_the_edges(corner, side):
     detector = BlazeFace()
     (found,) = detector.faces(data.astronaut(), corner, side, 0.5)
     assert found.points_px[0] == pytest.approx(RIGHT_EYE, abs=0.025 * side)
@@ -113,12 +113,12 @@ def test_a_face_is_found_in_pixels_of_the_picture_also_beyond_its_edges_and_none
     ("ending", "names"),
     [("yml", ("camera_matrix", "distortion_coefficients")), ("xml", ("cameraMatrix", "distCoeffs")), ("json", "KD")],
 )
-def test_opencvs_calibration_files(tmp_path, ending, names):
+def test_opencv_calibration_files_are_read(tmp_path, ending, names):
     file = opencv_file(tmp_path / f"camera.{ending}", **{names[0]: MATRIX, names[1]: DISTORTION})
     assert from_calibration(file, 640, 480).rays(projected(MATRIX, DISTORTION)) == pytest.approx(TANGENTS, abs=1e-4)
 
 
-def test_a_calibration_file_of_ros(tmp_path):
+def test_a_ros_calibration_file_is_read(tmp_path):
     file = tmp_path / "head_camera.yaml"
     matrix = {"rows": 3, "cols": 3, "data": MATRIX.ravel().tolist()}
     distortion = {"rows": 1, "cols": 5, "data": DISTORTION.tolist()}
@@ -130,7 +130,7 @@ def test_a_calibration_file_of_ros(tmp_path):
     assert from_calibration(file, 1280, 960).rays(pixels) == pytest.approx(TANGENTS, abs=1e-4)
 
 
-def test_a_field_of_view_spans_the_picture():
+def test_the_field_of_view_gives_the_focal_length():
     camera = from_field_of_view(60.0, 640, 480)
     left_edge, middle, top_edge = camera.rays(np.array([[-0.5, 239.5], [319.5, 239.5], [319.5, -0.5]]))
     assert left_edge == pytest.approx([np.tan(np.deg2rad(30)), 0])
@@ -147,7 +147,7 @@ def test_a_field_of_view_spans_the_picture():
         ({"K": MATRIX, "image_width": 1280, "image_height": 720}, "1280 x 720"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused(tmp_path, fields, named):
+def test_an_unusable_calibration_file_is_refused(tmp_path, fields, named):
     with pytest.raises(SettingsError, match=named):
         from_calibration(opencv_file(tmp_path / "c.yml", **fields), 640, 480)
 
@@ -159,17 +159,17 @@ def facing_deg(head):
 
 @pytest.mark.parametrize("yaw_deg", [-30, 0, 30])
 @pytest.mark.parametrize("eyes_m", [[1.0, 0.0, 0.0], [3.5, -1.2, 0.4]])
-def test_an_exact_face_is_found_where_it_is(eyes_m, yaw_deg):
+def test_an_exact_face_gives_the_exact_head_pose(eyes_m, yaw_deg):
     eyes_m = np.array(eyes_m)
     head = head_from_points(points_of(eyes_m, yaw_deg), 1e-4)
     assert np.linalg.norm(head.head_position_base_m) == pytest.approx(np.linalg.norm(eyes_m), rel=0.02)
     across_m = head.head_position_base_m - eyes_m * (head.head_position_base_m @ eyes_m) / (eyes_m @ eyes_m)
     assert np.rad2deg(np.linalg.norm(across_m) / np.linalg.norm(eyes_m)) < 0.05
     expected_deg = 180 + yaw_deg + np.rad2deg(np.arctan2(eyes_m[1], eyes_m[0]))
-    assert facing_deg(head) == pytest.approx(expected_deg, abs=2.5)  # what is likely draws it to the front a little
+    assert facing_deg(head) == pytest.approx(expected_deg, abs=2.5)  # the prior draws the estimate to the front
 
 
-def test_the_range_is_uncertain_and_the_bearing_is_not():
+def test_range_variance_dominates_bearing_variance():
     eyes_m = np.array([2.0, 0.8, -0.3])
     head = head_from_points(points_of(eyes_m, 10), 0.001)
     variances, axes = np.linalg.eigh(head.position_covariance_m2)
@@ -179,8 +179,8 @@ def test_the_range_is_uncertain_and_the_bearing_is_not():
     assert np.rad2deg(np.sqrt(variances[:2]) / np.linalg.norm(eyes_m)) == pytest.approx([0.15, 0.15], abs=0.07)
 
 
-def test_errors_of_the_points_are_as_large_as_stated():
-    """Monte Carlo: points with the stated error; errors of positions and yaws are as the covariance states, or less."""
+def test_keypoint_errors_have_the_stated_covariance():
+    """Monte Carlo over keypoint errors: errors of positions and yaws are at most those of the covariance."""
     rng = np.random.default_rng(0)
     eyes_m, sd = np.array([2.5, -0.5, 0.2]), 0.002
     heads = [head_from_points(points_of(eyes_m, 15) + rng.normal(0, sd, (6, 2)), sd) for _ in range(60)]
@@ -189,7 +189,7 @@ def test_errors_of_the_points_are_as_large_as_stated():
     stated_yaw = [np.rad2deg(each.head_yaw_sd_rad) for each in heads]
     measured_rad = np.sqrt(np.mean(np.sum(np.square(bearings), axis=1)) / 2)
     stated_rad = np.sqrt(np.linalg.eigvalsh(head.position_covariance_m2)[0]) / np.linalg.norm(eyes_m)
-    assert 0.3 * stated_rad < measured_rad < 1.1 * stated_rad  # stated are differences between faces, too
+    assert 0.3 * stated_rad < measured_rad < 1.1 * stated_rad  # the stated error includes differences between faces
     assert 0.3 * np.mean(stated_yaw) < np.std(yaws) < 1.1 * np.mean(stated_yaw)
 
 

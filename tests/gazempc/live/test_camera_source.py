@@ -1,4 +1,4 @@
-"""The camera source: rendered people at known places, its process, files and streams, and what it refuses."""
+"""The camera source: rendered people at known positions, its process, files and streams, and refusals."""
 
 import json
 import os
@@ -42,7 +42,7 @@ def own_camera(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_camera", "real_time")
-def test_attend_chooses_among_the_faces_of_a_camera_of_ones_own_until_it_breaks(tmp_path, capsys):
+def test_faces_of_a_user_defined_camera_are_attended_until_it_fails(tmp_path, capsys):
     words = ["--source", "camera:portrait_camera:Row", "--options.people", "2", "--camera.latency-ms", "400"]
     words += ["--predictor", "constant_velocity", "--controller", "lookahead", "--no-figures"]
     assert main([*words, "--out", str(tmp_path), *PATIENT, "--attend", "id:1"]) == 0
@@ -54,7 +54,7 @@ def test_attend_chooses_among_the_faces_of_a_camera_of_ones_own_until_it_breaks(
     assert np.ptp(log.head_observed_base_m[:, 1]) < 0.2
     assert {"person_entered", "attention_switched"} <= set(log.event_name)
     assert np.all(np.diff(np.unique(log.capture_time_s)) > 0.04)
-    # 50 ms until it is there, 400 ms by the option, and some for the search, 30 ms where nothing else runs.
+    # 50 ms of transfer, 400 ms by the option, and detection, 30 ms on an idle machine.
     assert 0.45 < np.min(log.arrival_time_s - log.capture_time_s) < 2.0
     pictures = decoded(tmp_path / "log_000.mcap", "/camera")
     assert 1 <= len(pictures) <= 5 * np.ptp(log.time_s) + 2
@@ -69,13 +69,13 @@ def test_pictures_of_another_shape_are_refused():
 
 @pytest.mark.usefixtures("own_camera")
 @pytest.mark.parametrize(("address", "complaint"), [("there_is_none.mp4", "OpenCV"), ("portrait_camera.py", "video")])
-def test_what_is_no_camera_is_refused(address, complaint):
+def test_an_invalid_camera_is_refused(address, complaint):
     with pytest.raises(GazempcError, match=complaint):
         open_pictures(address, CameraOptions())
 
 
 @pytest.mark.slow
-def test_a_network_camera_that_was_gone_is_opened_again():
+def test_a_lost_network_camera_is_reopened():
     with closing(PictureServer()) as server, closing(Camera(server.url, CameraOptions())) as camera:
         assert isinstance(camera.read(), Picture)
         server.hang_up()
@@ -83,7 +83,7 @@ def test_a_network_camera_that_was_gone_is_opened_again():
             wait_for(lambda there=there: isinstance(camera.read(), Picture) == there, FOREVER_S)
 
 
-def test_a_video_is_played_at_its_own_pace(tmp_path):
+def test_a_video_is_played_at_its_frame_rate(tmp_path):
     path, rate_hz, times_s = str(tmp_path / "walk.mp4"), 10, []
     video = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"mp4v"), rate_hz, (64, 48))
     for k in range(8):
@@ -93,7 +93,7 @@ def test_a_video_is_played_at_its_own_pace(tmp_path):
         while (picture := pictures.read()) is not None:
             times_s.append((picture.captured_s, time.monotonic()))
     captured_s, given_s = np.transpose(times_s)
-    frames = rate_hz * (captured_s - captured_s[0])  # a busy machine leaves pictures out, and does not delay them
+    frames = rate_hz * (captured_s - captured_s[0])  # a busy machine drops pictures without delaying them
     assert frames == pytest.approx(np.round(frames), abs=0.03)
     assert len(frames) > 1
     assert np.all(given_s >= captured_s)
@@ -101,15 +101,15 @@ def test_a_video_is_played_at_its_own_pace(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("own_camera", "real_time")
-def test_its_process_does_not_outlive_a_program_that_is_killed(tmp_path):
-    """Without a person in view it sends nothing, so that no failed sending ends it."""
+def test_the_camera_process_ends_when_the_program_is_killed(tmp_path):
+    """Without a person in view nothing is sent, so no broken pipe ends the process."""
     (tmp_path / "killed.py").write_text(OPENS_AND_IS_KILLED)
     done = subprocess.run(
         [sys.executable, "killed.py"], capture_output=True, text=True, check=False, timeout=FOREVER_S, env=WITH_HERE
     )
     process_id = int(done.stdout)
     stat = Path(f"/proc/{process_id}/stat")
-    with suppress(OSError):  # it has gone; a zombie has ended
+    with suppress(OSError):  # ended; a zombie counts
         wait_for(lambda: stat.read_text().rpartition(")")[2].split()[0] == "Z", FOREVER_S)
 
 
@@ -118,8 +118,8 @@ def rms(values):
 
 
 @pytest.mark.slow
-def test_a_person_who_walks_across_is_found_in_the_right_direction():
-    """With the head turned by up to 30 degrees; pictures before the face is confirmed (0.3 s) count as not found."""
+def test_a_crossing_person_has_the_true_direction():
+    """With head yaw up to 30 degrees; pictures before confirmation (0.3 s) count as missed."""
     seen = watch(studio(), across(2.0), 30)
     assert seen.found >= 0.8
     assert rms(seen.bearing_deg) <= 0.5
@@ -132,8 +132,8 @@ def test_a_person_who_walks_across_is_found_in_the_right_direction():
 
 
 @pytest.mark.slow
-def test_a_camera_on_the_moving_head_keeps_eye_contact_with_a_person_who_walks_past():
-    """From pictures to commands, with MuJoCo's neck; the mount is beside the eye, and askew."""
+def test_a_head_mounted_camera_keeps_contact_with_a_passing_person():
+    """From pictures to commands with the MuJoCo neck; the mount is beside the eye and rotated."""
     log, camera = live.run(studio(), duration_s=4.0, neck_name="fetch")
     metrics = measure(log)
     assert log.capture_time_s.size >= 0.9 * camera.pictures - 2
@@ -146,20 +146,20 @@ def test_a_camera_on_the_moving_head_keeps_eye_contact_with_a_person_who_walks_p
     assert np.ptp(log.joint_position_rad[:, 0]) > np.deg2rad(60)
 
 
-def test_the_lag_is_that_behind_the_fastest_picture_of_a_minute() -> None:
+def test_the_lag_is_relative_to_the_minimum_delay_of_a_minute() -> None:
     watch = StreamWatch()
-    # Steady but for jitter: the lag is the jitter.
+    # Constant delay plus jitter: the lag is the jitter.
     jitter = np.random.default_rng(0).uniform(0.0, 0.05, 100)
     lags = [watch.lag_s(100.0 + 0.1 * k, 0.1 * k + jitter[k]) for k in range(100)]
     np.testing.assert_allclose(lags, jitter - np.minimum.accumulate(jitter), atol=1e-9)
-    # Later by 20 ms each picture.
+    # Delay grows by 20 ms per picture.
     assert watch.lag_s(110.0 + 10.0, 20.0 + 2.0) == pytest.approx(2.0, abs=0.05)
-    # A camera's clock that is slow by 100 ppm is no lag, however long the run.
+    # A camera clock slow by 100 ppm gives no lag, even in a long run.
     watch = StreamWatch()
     assert max(watch.lag_s(0.9999 * t, t) for t in np.arange(0.0, 3600.0, 2.0)) < 0.01
 
 
-def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeypatch) -> None:
+def test_a_lagging_stream_has_corrected_stamps_and_is_reopened(monkeypatch) -> None:
     falling = Falling()
     monkeypatch.setattr(cv2, "VideoCapture", falling)
     monkeypatch.setenv("CAMERA_PASSWORD", "correct-horse")
@@ -171,14 +171,14 @@ def test_a_stream_that_falls_behind_is_stamped_so_named_and_opened_again(monkeyp
         assert found.event is Event.STREAM_LAGS
         assert falling.address == "rtsp://me:correct-horse@camera/stream"
         assert "correct-horse" not in found.text
-        assert max(ages_s) > 0.2  # stamped as old as it is
+        assert max(ages_s) > 0.2  # the stamp includes the lag
         wait_for(lambda: isinstance(camera.read(), Picture))
         assert falling.opened >= 2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("stream", "why"), [(Frozen, "one picture for 1 s"), (Silent, "no picture for 2 s")])
-def test_a_stream_that_freezes_or_falls_silent_is_one_event_and_no_picture(monkeypatch, stream, why) -> None:
+def test_a_frozen_or_silent_stream_is_one_event_without_pictures(monkeypatch, stream, why) -> None:
     monkeypatch.setattr(cv2, "VideoCapture", stream())
     with closing(Camera("http://camera/stream", CameraOptions())) as camera:
         found = wait_for(lambda: not isinstance(read := camera.read(), Picture) and read)
@@ -200,7 +200,7 @@ def test_a_stream_that_freezes_or_falls_silent_is_one_event_and_no_picture(monke
         (30, lambda k: False, 0.03, None),
     ],
 )
-def test_the_cause_of_rare_faces_is_named_once(rate_hz, found, search_s, cause):
+def test_the_cause_of_rare_faces_is_reported_once(rate_hz, found, search_s, cause):
     rate, times_s = FaceRate(), np.arange(0.0, 12.0, 1 / rate_hz)
     texts = [text for k, at_s in enumerate(times_s) if (text := rate.judge(at_s, found(k), search_s))]
     assert len(texts) == (cause is not None)

@@ -1,4 +1,4 @@
-"""Clocks of computer and tracker: stamps, what wrong ones look like, offset and drift; and lateness."""
+"""Clocks of computer and tracker: stamps, wrong stamps, offset and drift; and lateness."""
 
 import re
 import time
@@ -12,7 +12,7 @@ from gazempc.live.stamps import PER_SECOND, ClockOffset, Frame, SetupHints, Stam
 from gazempc.live.summary import last_line
 
 
-def test_the_real_clock_never_wakes_early_and_does_not_wait_for_the_past():
+def test_the_real_clock_never_wakes_early_and_skips_past_times():
     clock = RealClock()
     assert 0 <= clock.now_s() < 10
     for ahead_s in (0.0, 1e-5, 3e-4, 0.002, 0.01, -1.0):
@@ -21,7 +21,7 @@ def test_the_real_clock_never_wakes_early_and_does_not_wait_for_the_past():
         assert clock.now_s() >= until_s
 
 
-def test_unix_stamps_are_converted_and_a_step_of_the_unix_clock_is_named_once(monkeypatch):
+def test_unix_stamps_are_converted_and_a_clock_step_is_reported_once(monkeypatch):
     now = {"monotonic": 1000.0, "time": 1.7e9}
     monkeypatch.setattr(time, "monotonic", lambda: now["monotonic"])
     monkeypatch.setattr(time, "time", lambda: now["time"])
@@ -36,7 +36,7 @@ def test_unix_stamps_are_converted_and_a_step_of_the_unix_clock_is_named_once(mo
     for step_s in (3600.0, -7200.0, 0.5):
         assert passed(0.1, 0.1 + step_s)
         assert not clock.unix_clock_stepped()
-        # The time of the loop goes on; stamps of the new clock are right again.
+        # Loop time continues; stamps of the new clock are correct again.
         assert clock.from_unix_s(now["time"]) == pytest.approx(clock.now_s(), abs=1e-6)
     assert not passed(0.0, 0.002)  # the clock is slewed, not set
     assert clock.now_s() == pytest.approx(5.3)
@@ -47,7 +47,7 @@ CLOCK = RealClock()
 
 @pytest.mark.parametrize("unit", PER_SECOND)
 @pytest.mark.parametrize("clock", ["unix", "monotonic"])
-def test_a_stamp_comes_to_the_loop_and_back(clock, unit):
+def test_a_stamp_converts_to_loop_time_and_back(clock, unit):
     zero_s = {"unix": CLOCK.from_unix_s, "monotonic": CLOCK.from_monotonic_s}[clock](0.0)
     reader = StampReader(Stamps(clock=clock, unit=unit), CLOCK)
     stamp = (12.5 - zero_s) * PER_SECOND[unit]
@@ -55,7 +55,7 @@ def test_a_stamp_comes_to_the_loop_and_back(clock, unit):
     assert reader.stamp(12.5) == pytest.approx(stamp, rel=1e-12)
 
 
-def test_percentiles_of_lateness_are_numpy_s_within_a_bin():
+def test_lateness_percentiles_equal_numpy_within_a_bin():
     rng = np.random.default_rng(0)
     values = rng.gamma(0.5, 2.0, 3000) * rng.choice([1.0, -0.1], 3000, p=[0.8, 0.2])  # some are early
     late_ms, lateness = np.maximum(values, 0.0), Lateness()
@@ -77,7 +77,7 @@ LATE_S = 0.04
 
 
 def frames_of(stamps, reader):
-    """What becomes of stamps that arrive at 30 Hz."""
+    """Results for stamps that arrive at 30 Hz."""
     captures_s = [reader.loop_s(float(stamp), at_s) for stamp, at_s in zip(stamps, ARRIVALS_S, strict=True)]
     return [Frame(at_s, each_s, HEAD, HEAD, None) for at_s, each_s in zip(ARRIVALS_S, captures_s, strict=True)]
 
@@ -106,7 +106,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize(("stamps", "mend"), WRONG.values(), ids=WRONG.keys())
-def test_wrong_stamps_are_named_and_the_option_mends_them(stamps, mend):
+def test_wrong_stamps_are_reported_with_the_correcting_option(stamps, mend):
     event, text = judged(stamps)
     assert event == "wrong_clock"
     assert text.endswith(mend) or f"{mend}," in text
@@ -118,7 +118,7 @@ def test_wrong_stamps_are_named_and_the_option_mends_them(stamps, mend):
     assert np.all((ages_s >= 0.0) & (ages_s < 0.1))
 
 
-def test_right_stamps_are_accepted_and_options_are_named_as_in_python_or_for_a_source_of_one_s_own():
+def test_correct_stamps_are_accepted_and_hints_match_the_interface():
     assert judged(unix()) is None
     assert 'clock="other"' in judged(unix(-37.3), hints=SetupHints(python=True))[1]
     hints = SetupHints(own_source=True)
@@ -138,7 +138,7 @@ def stream(duration_s=20.0):
 
 
 def read(stamps_s, arrivals_s):
-    """Capture times as they are used, and what is said."""
+    """Capture times used, and the message."""
     offset = ClockOffset(0.05, SetupHints())
     used_s = [stamp + offset.shift_s(at_s, stamp) for stamp, at_s in zip(stamps_s, arrivals_s, strict=True)]
     return np.array(used_s), "" if offset.finding is None else offset.finding.text
@@ -154,8 +154,8 @@ def read(stamps_s, arrivals_s):
     ],
     ids=["ahead", "behind", "ahead for a second", "fast"],
 )
-def test_a_clock_that_is_off_is_made_up_for(stamps_s, from_s, within_s, named):
-    """The soonest frames are taken to be 0.05 s old, and are 0.066 s."""
+def test_a_clock_offset_is_compensated(stamps_s, from_s, within_s, named):
+    """The minimum latency is assumed 0.05 s, and is 0.066 s."""
     captures_s, arrivals_s = stream(40.0)
     used_s, text = read(stamps_s(captures_s), arrivals_s)
     assert np.abs(used_s - captures_s)[captures_s > from_s].max() < within_s
@@ -177,7 +177,7 @@ def test_a_clock_that_is_off_is_made_up_for(stamps_s, from_s, within_s, named):
     ],
     ids=["ppm", "0.04 s ahead", "0.3 s behind", "a pause", "single", "falls behind", "milliseconds", "whole seconds"],
 )
-def test_what_is_no_wrong_clock_or_cannot_be_told_from_a_slow_tracker_is_left_alone(change):
+def test_stamps_without_a_clear_clock_offset_are_not_corrected(change):
     stamps_s, arrivals_s = change(*stream())
     used_s, text = read(stamps_s, np.maximum.accumulate(arrivals_s))
     assert text == ""
@@ -185,7 +185,7 @@ def test_what_is_no_wrong_clock_or_cannot_be_told_from_a_slow_tracker_is_left_al
 
 
 @pytest.mark.parametrize("drift", [-0.01, 0.01])
-def test_the_clock_other_follows_drift_both_ways(drift):
+def test_the_offset_of_another_clock_follows_drift_of_either_sign(drift):
     captures_s, arrivals_s = stream(60.0)
     reader = StampReader(Stamps(clock="other", latency_s=LATENCY_S), RealClock())
     stamps_s = 1000.0 + (1.0 + drift) * captures_s
@@ -193,7 +193,7 @@ def test_the_clock_other_follows_drift_both_ways(drift):
     assert np.abs(used_s - captures_s)[captures_s > 12.0].max() < 0.02
 
 
-def test_the_last_line_says_why_observations_were_not_used():
+def test_the_last_line_counts_unused_observations_by_reason():
     for refused, ages, line in (
         ({}, (None, None), "5 of 5 used"),
         ({"future_observation": 360}, (-0.05, -0.04), "5 of 365 used: 360 future (clock 0.1 s ahead?)"),

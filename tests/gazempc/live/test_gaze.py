@@ -1,4 +1,4 @@
-"""Gaze: a tracker's program drives a neck; whatever ends the block, the neck is braked and the robot closed."""
+"""Gaze: a tracker's program drives a neck; at any end of the block the neck is braked and the robot closed."""
 
 import math
 import threading
@@ -22,7 +22,7 @@ def gaze(robot, **settings):
     return gz.Gaze(NECK, robot, predictor="constant_velocity", **settings)
 
 
-def test_it_looks_at_the_person_that_is_seen_and_whatever_ends_the_block_the_neck_is_braked():
+def test_the_gaze_follows_and_the_neck_is_braked_however_the_block_ends():
     robot, logs = Robot(), []
 
     def block():
@@ -53,7 +53,7 @@ def test_it_looks_at_the_person_that_is_seen_and_whatever_ends_the_block_the_nec
     assert limit_violations(log, NECK) == 0
 
 
-def test_a_listener_that_raises_is_an_event_and_the_run_goes_on():
+def test_a_raising_listener_is_an_event_and_the_run_continues():
     ticks, robot = [], Robot()
 
     def viewer(moment):
@@ -72,10 +72,10 @@ def test_a_listener_that_raises_is_an_event_and_the_run_goes_on():
 
 
 class BugError(Exception):
-    """A fault of the program, not of a part."""
+    """A program error outside of any part."""
 
 
-def test_an_exception_of_the_servo_thread_is_raised_by_see_after_the_braking_and_at_the_end(monkeypatch):
+def test_a_servo_thread_exception_is_raised_after_braking_by_see_and_at_exit(monkeypatch):
     seen = []
 
     def note_heads(self, sightings, time_s):
@@ -91,7 +91,7 @@ def test_an_exception_of_the_servo_thread_is_raised_by_see_after_the_braking_and
     assert_braked_and_closed(robot)
 
 
-def test_a_robot_that_cannot_be_connected_is_closed_and_nothing_runs():
+def test_a_failed_connection_closes_the_robot_and_starts_no_thread():
     class Away(Robot):
         def connect(self):
             super().connect()
@@ -103,7 +103,7 @@ def test_a_robot_that_cannot_be_connected_is_closed_and_nothing_runs():
     assert (robot.calls, robot.received, threading.active_count()) == (["connect", "close"], [], before)
 
 
-def test_when_the_thread_that_sees_ends_without_leaving_the_block_the_neck_is_braked():
+def test_the_neck_is_braked_when_the_observing_thread_ends_inside_the_block():
     robot = Robot()
     opened = gaze(robot)
     tracker = threading.Thread(target=lambda: see_for(opened.__enter__(), 0.5))
@@ -116,7 +116,7 @@ def test_when_the_thread_that_sees_ends_without_leaving_the_block_the_neck_is_br
 
 
 @pytest.mark.slow
-def test_of_a_long_run_the_last_minutes_are_kept():
+def test_only_the_last_minutes_of_a_long_run_are_kept():
     with gaze(Robot(), keep_minutes=0.005) as opened:
         wait_for(lambda: "no_observation_yet" in opened.events)
         cuts_s = [time.monotonic()]
@@ -125,7 +125,7 @@ def test_of_a_long_run_the_last_minutes_are_kept():
             opened.log()
             cuts_s.append(time.monotonic())
     kept_s = np.ptp(opened.log().time_s)
-    # The oldest log kept reaches over the limit by less than its own length.
+    # The oldest log exceeds the limit by less than its own length.
     assert 0.29 <= kept_s < 0.6 + np.diff(cuts_s).max()
     assert opened.events["no_observation_yet"] >= 1  # of the whole run
 
@@ -134,14 +134,14 @@ def test_of_a_long_run_the_last_minutes_are_kept():
     ("clock", "time_s", "named"),
     [("unix", lambda: 1e3 * time.time(), "time.time"), ("monotonic", time.time, 'clock="unix"')],
 )
-def test_a_wrong_time_is_refused_at_the_call(clock, time_s, named, monkeypatch):
+def test_an_invalid_time_is_refused_at_the_call(clock, time_s, named, monkeypatch):
     monkeypatch.setattr(time, "monotonic", lambda real=time.monotonic: real() + 1e6)
     with gaze(Robot(), clock=clock) as opened, pytest.raises(ValueError, match=f"time_s.*{named}"):
         opened.see(time_s(), [2.0, 0.0, 0.0])
     assert opened.log().capture_time_s.size == 0
 
 
-def test_all_that_is_stated_reaches_predictor_and_log_and_a_wrong_observation_is_refused_at_the_call():
+def test_stated_values_reach_predictor_and_log_and_invalid_ones_are_refused():
     taken = []
 
     class Keeps(gz.ConstantVelocity):
@@ -153,7 +153,7 @@ def test_all_that_is_stated_reaches_predictor_and_log_and_a_wrong_observation_is
     stated = {"head_yaw_sd_rad": 0.1, "pelvis_yaw_sd_rad": 0.2, "confidence": 0.7}
     quats = {"head_quat_wxyz": [1, 0, 0, 0], "pelvis_quat_wxyz": [0, 0, 0, 1]}
     with gz.Gaze(NECK, Robot(), predictor=Keeps()) as opened:
-        taken.clear()  # what it was warmed up with
+        taken.clear()  # observations of the warm-up
         opened.see(time.time(), [2.0, 0.1, 0.3], covariance_m2=covariance, person_id=7, **quats, **stated)
         wait_for(lambda: len(taken) == 1)
         for name, wrong in (("head_m", [1.0, 2.0]), ("head_quat_wxyz", [1, 1, 0, 0]), ("time_s", "now")):
@@ -174,7 +174,7 @@ def test_all_that_is_stated_reaches_predictor_and_log_and_a_wrong_observation_is
 
 
 @pytest.mark.slow
-def test_what_looks_wrong_is_a_warning_of_the_next_see_and_counts_say_what_was_used():
+def test_findings_warn_at_the_next_see_and_used_observations_are_counted():
     robot = Robot()
     with warnings.catch_warnings(record=True) as caught, gaze(robot) as opened:
         warnings.simplefilter("always")
@@ -196,12 +196,12 @@ def test_what_looks_wrong_is_a_warning_of_the_next_see_and_counts_say_what_was_u
         ({"options": {"prot": 1}}, "options.prot"),
     ],
 )
-def test_wrong_arguments_are_named_before_anything_moves(arguments, named):
+def test_invalid_arguments_are_reported_before_any_motion(arguments, named):
     with pytest.raises(SettingsError, match=named):
         gz.Gaze(**{"neck": NECK, "robot": "simulated", **arguments})
 
 
-def test_a_gaze_is_used_once_and_inside_its_block_only():
+def test_a_gaze_works_once_and_only_inside_its_block():
     opened = gaze(Robot())
     with pytest.raises(RuntimeError, match="before"):
         opened.see(time.time(), [2.0, 0.0, 0.0])
@@ -217,8 +217,8 @@ LEFT_M, RIGHT_M = [2.0, 0.8, 0.3], [2.5, -1.0, 0.3]
 
 
 @pytest.mark.slow
-def test_who_speaks_is_looked_at_and_it_looks_away_when_it_thinks():
-    told, robot = [], Robot()
+def test_the_speaker_is_attended_and_thinking_averts_the_gaze():
+    thinking, robot = [], Robot()
     settings = {"hysteresis_s": 0.2, "dwell_s": 0.2}
     with gaze(robot, attend="speaker", attention=settings) as opened:
         start_s = time.monotonic()
@@ -228,8 +228,8 @@ def test_who_speaks_is_looked_at_and_it_looks_away_when_it_thinks():
             opened.see(now_s, RIGHT_M, person_id="bob")
             if elapsed_s > 0.4:
                 opened.hear(math.atan2(RIGHT_M[1], RIGHT_M[0]))
-            if elapsed_s > 1.1 and not told:
-                told.append(opened.think(0.6))
+            if elapsed_s > 1.1 and not thinking:
+                thinking.append(opened.think(0.6))
             time.sleep(1 / 30)
         assert opened.attended.number == 2
         assert opened.warnings == ()

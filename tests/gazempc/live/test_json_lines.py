@@ -1,4 +1,4 @@
-"""Observations as lines of JSON: what is accepted, and complaints that name the field."""
+"""Observations as lines of JSON: accepted lines, and errors that name the field."""
 
 import contextlib
 import json
@@ -27,7 +27,7 @@ finite = st.floats(-1e6, 1e6)
     stamp=st.tuples(st.just("capture_time_s"), finite) | st.tuples(st.just("age_s"), st.floats(0.0, 10.0)),
     turn=st.none() | st.tuples(*[st.floats(-3.0, 3.0)] * 3),
 )
-def test_what_is_written_is_read(position, stamp, turn):
+def test_observations_survive_a_round_trip(position, stamp, turn):
     quat = None if turn is None else Rotation.from_rotvec(turn).as_quat(scalar_first=True).tolist()
     data = {stamp[0]: stamp[1], "head_position_m": position, "head_quat_wxyz": quat, "pelvis_quat_wxyz": [0, 0, 0, 1]}
     stated = {"head_yaw_sd_rad": 0.1, "pelvis_yaw_sd_rad": 3.0, "confidence": 1}
@@ -39,7 +39,7 @@ def test_what_is_written_is_read(position, stamp, turn):
     assert found.pelvis_quat_wxyz.tolist() == [0, 0, 0, 1]
     assert {name: getattr(found, name) for name in stated} == stated
     assert (found.person_id, found.position_covariance_m2.tolist()) == ("7", COVARIANCE)
-    # What may be left out may be left out.
+    # Optional fields may be absent.
     assert parse({name: data[name] for name in (stamp[0], "head_position_m")}).head_position_base_m.tolist() == position
 
 
@@ -65,7 +65,7 @@ COVARIANCE = [[0.25, 0.005, 0.0], [0.005, 0.0004, 0.0], [0.0, 0.0, 0.0004]]
         ({"cue": "rhythm", "mode": "sleeping"}, "mode"),
     ],
 )
-def test_every_complaint_names_the_field(line, named):
+def test_every_error_names_the_field(line, named):
     with pytest.raises(LineError) as raised:
         parse_cue(json.dumps(line), 0.0) if "cue" in line else parse(line)
     message = str(raised.value)
@@ -77,7 +77,7 @@ def test_every_complaint_names_the_field(line, named):
 @settings(max_examples=20)
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(), lambda inner: st.lists(inner)
        | st.dictionaries(st.sampled_from(FIELDS) | st.text(), inner), max_leaves=12))  # fmt: skip
-def test_whatever_json_comes_it_is_an_observation_or_a_complaint(data):
+def test_any_json_is_an_observation_or_an_error(data):
     fields = ("head_position_m", "head_quat_wxyz", "age_s", "position_covariance_m2", "person_id")
     for line in (data, *(GOOD | {field: data} for field in fields)):
         with contextlib.suppress(LineError):
@@ -95,7 +95,7 @@ def test_whatever_json_comes_it_is_an_observation_or_a_complaint(data):
         ({"cue": "rhythm", "mode": "speaking"}, Rhythm("speaking")),
     ],
 )
-def test_each_cue_is_read(line, cue):
+def test_every_cue_type_is_parsed(line, cue):
     assert is_cue(json.dumps(line))
     assert parse_cue(json.dumps(line), 7.0) == cue
     glance = parse_cue('{"cue": "glance", "target_base_m": [1, 0.5, 0], "lasts_s": 1}', 7.0)

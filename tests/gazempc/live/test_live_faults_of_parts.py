@@ -1,4 +1,4 @@
-"""Whatever parts return or raise, singly or in any sequence: named events, commands within limits, a log that loads."""
+"""Any return value or exception of parts, in any sequence: events, commands within limits, a loadable log."""
 
 import dataclasses
 import threading
@@ -22,8 +22,8 @@ from gazempc.types import JointState, Sighting
 from predictors import ConstantVelocity
 
 
-def test_a_plan_out_of_range_and_joints_that_drift_off_are_named_and_the_run_goes_on(tmp_path):
-    """Every kind of `benchmarks.faults.wrongs` is tried in `test_live_own_parts`, also of these parts."""
+def test_out_of_range_plans_and_drifting_readings_are_events_and_the_run_continues(tmp_path):
+    """`test_live_own_parts` tests every kind of `benchmarks.faults.wrongs`."""
     clock, drifts_from_s = SimulatedClock(), 1.1
     wild = between(0.6, drifts_from_s)
 
@@ -44,8 +44,8 @@ def test_a_plan_out_of_range_and_joints_that_drift_off_are_named_and_the_run_goe
     assert load_log(tmp_path / "log.npz").time_s.size == result.report.ticks
 
 
-def test_a_fault_of_the_program_keeps_a_log_that_loads(tmp_path, monkeypatch):
-    """The true joints of the tick that failed are left out."""
+def test_a_program_error_leaves_a_loadable_log(tmp_path, monkeypatch):
+    """The true joints of the failed tick are omitted."""
     tick, raised = LoopRecorder.tick, []
 
     def fails_once(self, time_s, *values):
@@ -63,7 +63,7 @@ def test_a_fault_of_the_program_keeps_a_log_that_loads(tmp_path, monkeypatch):
 
 
 def test_a_failure_before_the_first_tick_does_not_end_the_run():
-    """In the warm-up, which is no part of the log."""
+    """In the warm-up, which is not logged."""
     failures = [KeyError("once"), KeyError("once")]
 
     def plan(answer):
@@ -86,7 +86,7 @@ BLOCKED_S = 0.4
 
 @pytest.mark.slow
 @pytest.mark.parametrize("named", ["Controller.plan()", "Spied.read_state()", "Faulty.poll()"])
-def test_a_part_that_blocks_holds_up_no_command(named):
+def test_a_blocking_part_delays_no_command(named):
     clock, blocks, polled_s = RealClock(), [BLOCKED_S], []
 
     def block(part, answer=None):
@@ -111,7 +111,7 @@ def test_a_part_that_blocks_holds_up_no_command(named):
 
 
 @pytest.mark.slow
-def test_a_controller_that_never_returns_does_not_hold_up_the_end_of_the_run():
+def test_a_hanging_controller_does_not_delay_the_end_of_the_run():
     released, plans = threading.Event(), []
 
     def hang(plan):
@@ -143,7 +143,7 @@ KINDS = (
         st.tuples(st.sampled_from(KINDS), st.floats(0.0, 1.8), st.floats(0.01, 1.0)), min_size=1, max_size=6
     )
 )
-def test_any_sequence_of_faults_is_survived_within_limits(faults):
+def test_commands_stay_within_limits_for_any_sequence_of_faults(faults):
     def on(kind, now_s):
         return any(kind == k and start <= now_s < start + length for k, start, length in faults)
 

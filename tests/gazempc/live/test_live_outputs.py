@@ -1,4 +1,4 @@
-"""What a run reports to others: its status lines, and whom the robot looks at, by UDP, ROS 2 and into a file."""
+"""Outputs of a run: status lines, and the attended person by UDP, ROS 2 and file."""
 
 import dataclasses
 import io
@@ -28,7 +28,7 @@ HIDDEN_FROM_S, HIDDEN_TO_S = 1.5, 3.2
 
 @pytest.fixture(scope="module")
 def shown():
-    """A run in which the person is hidden for a while; logs are cut meanwhile."""
+    """A run with the person hidden for a while; logs are split meanwhile."""
 
     def hidden(now_s, sighting):
         return [] if HIDDEN_FROM_S < now_s < HIDDEN_TO_S else [sighting]
@@ -54,7 +54,7 @@ def show(moments, file, wait_s=60.0):
             line.take(moment)
 
 
-def test_piped_it_is_one_line_a_second_and_each_event_is_explained_once(shown):
+def test_piped_status_is_one_line_a_second_with_each_event_explained_once(shown):
     moments, result = shown
     file = io.StringIO()
     show(moments, file)
@@ -77,7 +77,7 @@ def test_a_closed_pipe_does_not_end_a_run(shown):
     show(shown[0], Closed())
 
 
-def test_a_pipe_without_a_reader_does_not_keep_a_run_from_ending(shown):
+def test_a_pipe_without_a_reader_does_not_block_the_end(shown):
     read = threading.Event()
 
     class Full(io.StringIO):
@@ -94,7 +94,7 @@ ANNA = AttentionState(1, "anna", "policy", 2.0, 3.5)
 AWAY = AttentionState(1, "anna", "policy", 2.0, 3.5, "thinking", 2.5, 4.0)
 
 
-def test_a_line_at_each_change_and_one_at_the_end_in_a_file_that_begins_anew(tmp_path):
+def test_the_attended_file_is_truncated_and_gets_a_line_at_each_change_and_the_end(tmp_path):
     path = tmp_path / "attention.jsonl"
     path.write_text("of an earlier run\n")
     with AttentionOutlet(make_sink(str(path)), SimulatedClock()) as outlet:
@@ -111,8 +111,8 @@ def test_a_line_at_each_change_and_one_at_the_end_in_a_file_that_begins_anew(tmp
     assert (lines[1]["away_since_s"], lines[1]["away_until_s"]) == (2.5, 4.0)
 
 
-def test_a_run_goes_on_where_a_line_cannot_be_written():
-    """On a full disk, say: an event of the log with the reason; the next line is written."""
+def test_a_failed_write_is_an_event_and_the_run_continues():
+    """For example on a full disk: an event with the reason; the next line is written."""
     words = ["--source", "replay", "--simulated-clock", "--attend", "nearest", "--controller", "lookahead"]
     setup, lines, logs = build(session.parse([*words, "--predictor", "constant_velocity"])), [], []
 
@@ -130,7 +130,7 @@ def test_a_run_goes_on_where_a_line_cannot_be_written():
     assert logs[0].attended_person.tolist() == [1]
 
 
-def test_datagrams():
+def test_attended_people_are_sent_as_datagrams():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
         listener.settimeout(5.0)
@@ -140,6 +140,6 @@ def test_datagrams():
 
 
 @pytest.mark.parametrize("word", ["udp:5005", "udp:host:0", "ros2:", "attention.json", "tcp:host:1"])
-def test_what_is_no_place(word):
+def test_an_invalid_destination_is_refused(word):
     with pytest.raises(SettingsError, match=r"udp:HOST:PORT, ros2:TOPIC.*\.jsonl"):
         make_sink(word)

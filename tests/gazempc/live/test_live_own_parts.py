@@ -1,4 +1,4 @@
-"""Parts of a user's own in live runs: by module:Class, with options; what they lack is said before anything moves."""
+"""User-defined parts in live runs: by module:Class, with options; defects are reported before any motion."""
 
 import json
 
@@ -15,7 +15,7 @@ QUICK = ["--simulated-clock", "--no-figures", "--log", "npz"]
 
 
 @pytest.mark.slow
-def test_all_parts_may_be_one_s_own_and_have_options(own, tmp_path, capsys):
+def test_all_parts_may_be_user_defined_with_options(own, tmp_path, capsys):
     parts = ["--robot", f"{own}:Head", "--predictor", f"{own}:Standing", "--controller", f"{own}:Eager"]
     options = ["--options.zero_deg", "[1.5, -2]", "--options.gain=0.5", "--options.predictor.noise_m", "0.02"]
     options += ["--options.speed_m_s", "0.25", "--options.dynamixel.port", "/dev/null"]
@@ -45,15 +45,15 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("words", "named"), REFUSED)
-def test_what_is_wrong_with_a_part_is_said_before_anything_moves(own, words, named, tmp_path, capsys):
+def test_an_invalid_part_is_reported_before_any_motion(own, words, named, tmp_path, capsys):
     words, named = ([word.format(own=own) for word in each] for each in (words, named))
     assert_refused(["--source", "replay", *words, *QUICK], named, tmp_path, capsys)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", [name for name in FAMILIES if "." in name and "," not in name])
-def test_the_summary_is_written_whatever_a_part_does(own, family, tmp_path, monkeypatch, capsys):
-    """Each kind of the benchmark of faults, one after the other, in a run by the command; each event with its text."""
+def test_the_summary_is_written_for_every_fault_of_a_part(own, family, tmp_path, monkeypatch, capsys):
+    """Each fault of the benchmark in turn, in a run of the command; each event with its text."""
     part, name = family.partition(".")[0], write_spoilt(tmp_path, family, own)
     monkeypatch.syspath_prepend(str(tmp_path))
     parts = {"--source": "replay", "--controller": "lookahead", "--predictor": "constant_velocity"}

@@ -1,4 +1,4 @@
-"""The whole program on observations from standard input and on a bag with its delays, and what it refuses."""
+"""The whole program on standard input and on a bag with recorded delays, and refusals."""
 
 import json
 import signal
@@ -16,27 +16,27 @@ from gazempc.results.metrics import measure
 
 @pytest.mark.slow
 def test_a_run_from_standard_input_to_its_end(tmp_path):
-    """Fed for a while in real time: the neck at rest, everything written, exit status 0."""
-    # The predictor in a process of its own forecasts as in that of the run.
+    """Input in real time: the neck ends at rest, all files are written, exit status 0."""
+    # The predictor runs in a process of its own.
     with Program("--source", "stdin", "--robot", "simulated", "--isolate", "predictor", "--out", tmp_path) as program:
         program.until_it_runs()
         program.walk(1.2)  # metrics are of logs longer than a second
         program.process.stdin.write(b"this is no observation\n")
         program.walk(0.2)
-        said, complained = program.end()
-        assert program.process.returncode == 0, complained
-    assert "Traceback" not in complained
-    summary, log = check_output(tmp_path, said)
+        output, errors = program.end()
+        assert program.process.returncode == 0, errors
+    assert "Traceback" not in errors
+    summary, log = check_output(tmp_path, output)
     assert summary["stopped_by"] == "end of the source"
-    # The second walk begins where the first one did, too far away for a step.
+    # The second walk begins where the first one began, too far away for one step.
     gated = summary["refused"].pop("gate_refused")
     assert (summary["observations"], summary["used"] + gated, summary["refused"]) == (43, 42, {"bad_observation": 1})
-    assert said.splitlines()[-1] == f"{42 - gated} of 43 used: {gated} gate, 1 unreadable"
-    assert any("m away; " in line and "observations/s" in line for line in said.splitlines())
-    assert f"bad_observation: {Event.BAD_OBSERVATION.meaning}" in said
+    assert output.splitlines()[-1] == f"{42 - gated} of 43 used: {gated} gate, 1 unreadable"
+    assert any("m away; " in line and "observations/s" in line for line in output.splitlines())
+    assert f"bad_observation: {Event.BAD_OBSERVATION.meaning}" in output
     assert summary["warnings"] == []
-    assert "bad_observation: standard input, line 37" in complained
-    # What cannot be measured in a live run is left open.
+    assert "bad_observation: standard input, line 37" in errors
+    # Values that a live run cannot measure are null.
     assert summary["metrics_of_last_log"]["gaze_error_rms_deg"] is None
     assert summary["end_to_end_latency_ms"]["p50"] > 30.0
     assert np.ptp(log.command_position_rad[:, 0]) > 1e-3
@@ -44,13 +44,13 @@ def test_a_run_from_standard_input_to_its_end(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_signal_during_the_start_ends_it_in_order(tmp_path):
+def test_a_signal_during_the_start_ends_the_program_in_order(tmp_path):
     with Program("--source", "stdin", "--robot", "simulated", "--out", tmp_path) as program:
         program.until_it_takes_signals()
         program.process.send_signal(signal.SIGINT)
-        said, complained = program.end()
-        assert (program.process.returncode, complained) == (0, "")
-    assert said == "gazempc.live: stopped before the robot was connected\n"
+        output, errors = program.end()
+        assert (program.process.returncode, errors) == (0, "")
+    assert output == "gazempc.live: stopped before the robot was connected\n"
     assert not list(tmp_path.iterdir())
 
 
@@ -59,7 +59,7 @@ T = np.arange(150) / 30.0
 WALK = np.column_stack([np.full_like(T, 2.0), 0.8 * np.sin(0.6 * T), np.full_like(T, 0.3)])
 
 
-def test_a_live_run_on_a_bag_has_the_delays_of_the_recording_and_writes_logs_that_join(tmp_path, capsys):
+def test_a_live_run_on_a_bag_has_recorded_delays_and_joinable_logs(tmp_path, capsys):
     bag = write_bag(tmp_path / "bag", face_rows("face_a", 1e9 + T, WALK, "camera_link"), delay_s=0.08)
     out = tmp_path / "out"
     words = f"--source bag:{bag} --robot simulated --simulated-clock --out {out} --log-s 3 --log npz --no-figures"
@@ -107,5 +107,5 @@ def test_a_live_run_on_a_bag_has_the_delays_of_the_recording_and_writes_logs_tha
         ("--source bag:nowhere --sensor reference", ["--sensor", "--source replay"]),
     ],
 )
-def test_bad_input_is_named_and_the_status_is_2(arguments, named, tmp_path, capsys):
+def test_bad_input_is_reported_with_status_2(arguments, named, tmp_path, capsys):
     assert_refused(arguments.split(), named, tmp_path, capsys)

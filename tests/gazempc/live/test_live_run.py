@@ -1,4 +1,4 @@
-"""A live run in order: it is the replay, late plans and left-out ticks, and its logs join."""
+"""A live run: equality with the replay, late plans, skipped ticks, joined logs."""
 
 import dataclasses
 import gc
@@ -22,10 +22,10 @@ from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import observe
 
 
-def test_on_a_simulated_clock_a_live_run_is_the_replay():
+def test_on_a_simulated_clock_a_live_run_equals_the_replay():
     placed = reordered(synthetic("subject05_R6"), range(75))
     settings = ReplaySettings()
-    wanted = replayed(placed, settings=settings)
+    replay_log = replayed(placed, settings=settings)
     first_m = observe(placed, SENSOR, 0)[0].observation.head_position_base_m
     live = run_live(
         walk=placed,
@@ -34,18 +34,18 @@ def test_on_a_simulated_clock_a_live_run_is_the_replay():
         start_rad=look_at_rad(NECK.geometry, first_m),
         duration_s=None,
     )
-    n, m = wanted.time_s.size, wanted.capture_time_s.size
+    n, m = replay_log.time_s.size, replay_log.capture_time_s.size
     for name in ("time_s", "command_position_rad", "joint_position_rad", "head_true_base_m"):
-        np.testing.assert_allclose(live.joined(name)[:n], getattr(wanted, name), atol=1e-9, rtol=0)
+        np.testing.assert_allclose(live.joined(name)[:n], getattr(replay_log, name), atol=1e-9, rtol=0)
     for name in ("capture_time_s", "arrival_time_s", "head_observed_base_m", "forecast_mean_base_m"):
-        np.testing.assert_allclose(live.joined(name)[:m], getattr(wanted, name), atol=1e-9, rtol=0)
-    assert live.joined("event_name").tolist() == wanted.event_name.tolist()
+        np.testing.assert_allclose(live.joined(name)[:m], getattr(replay_log, name), atol=1e-9, rtol=0)
+    assert live.joined("event_name").tolist() == replay_log.event_name.tolist()
     # What follows is the stop.
     assert len(live.joined("time_s")) - n < 0.4 / TS
 
 
-def test_commands_do_not_jitter_with_the_clock():
-    """Made for when ticks are due; made for when they are done, most would be a chase at the limit of jerk."""
+def test_commands_are_independent_of_clock_jitter():
+    """Commands are computed for due times; for actual times most would reach the jerk limit."""
     n = int(3.0 / TS)
 
     def hurried(result):
@@ -68,7 +68,7 @@ def test_a_step_of_the_unix_clock_is_in_the_log(monkeypatch):
     assert_sound(result)
 
 
-def test_short_logs_join_to_the_log_of_the_whole_run_and_nothing_is_kept():
+def test_short_logs_join_to_the_whole_log_and_leave_memory():
     alive, logs = [], []
 
     def keep(log, times):
@@ -93,12 +93,12 @@ def test_short_logs_join_to_the_log_of_the_whole_run_and_nothing_is_kept():
     assert short.events == whole.events
     for name in ("update_ms", "step_ms", "latency_ms"):
         assert sum(getattr(times, name).size for _, times in logs) == getattr(whole.logs[0][1], name).size
-    # While one log is being kept no more than its own ticks are in memory.
+    # While a log is saved, only its ticks are in memory.
     assert max(alive) <= 100
 
 
-def test_a_solver_that_takes_100_ms_for_a_second():
-    """What is left of each late plan is used; the gaze is hardly worse meanwhile, and as ever 1.2 s after."""
+def test_the_gaze_recovers_after_a_second_of_100_ms_solves():
+    """The rest of each late plan is used; the error hardly grows meanwhile, and recovers within 1.2 s."""
     clock = SimulatedClock()
     slow = between(1.5, 2.5)
     result = run_live(
@@ -118,8 +118,8 @@ def test_a_solver_that_takes_100_ms_for_a_second():
 
 
 @pytest.mark.parametrize(("takes_s", "compute_delay_s"), [(0.015, 0.0), (0.03, 0.05), (0.015, 0.05)])
-def test_plans_are_late_that_come_after_their_tick_or_keep_the_next_one_waiting(takes_s, compute_delay_s):
-    """Within a control period, but after the tick; before the tick, but longer than a control period; neither."""
+def test_a_plan_is_late_after_its_tick_or_beyond_a_control_period(takes_s, compute_delay_s):
+    """Below a control period but after the tick; above a control period but before the tick; neither."""
     clock = SimulatedClock()
     result = run_live(
         clock=clock,
@@ -132,26 +132,26 @@ def test_plans_are_late_that_come_after_their_tick_or_keep_the_next_one_waiting(
 
 
 @pytest.mark.parametrize(("where", "jump_s"), [("asleep", 0.052), ("at work", 0.5)])
-def test_ticks_that_are_over_are_left_out_and_nothing_bursts(jump_s, where):
+def test_missed_ticks_are_skipped_without_a_burst(jump_s, where):
     """As seen by the robot."""
     from_s = 1.0
     clock = Jumping([(from_s, jump_s)] if where == "asleep" else [])
     blocked_s = [jump_s] if where == "at work" else []
 
     def on_send(now_s):
-        """The port is blocked once for some time."""
+        """The port blocks once."""
         if blocked_s and now_s >= from_s - 1e-9:
             clock.sleep_until_s(now_s + blocked_s.pop())
 
     result = run_live(clock=clock, on_send=on_send, duration_s=4.0 + jump_s)
     assert_sound(result)
     n = int(jump_s / TS + 1e-6)
-    # A tick more may be done than there is time for, at the same instant.
+    # One more tick may run at the same instant.
     assert n - 2 <= result.report.skipped_ticks <= n
     assert result.report.lateness.max_ms == pytest.approx(1e3 * jump_s, abs=1e3 * TS + 0.1)
     sent_s = np.array([now_s for now_s, _ in result.robot.received])
     assert max(np.searchsorted(sent_s, t + 10 * TS - 1e-9) - k for k, t in enumerate(sent_s)) <= 12
-    # The grid of the ticks is kept.
+    # Ticks stay on their grid.
     on_time = sent_s[sent_s > from_s + jump_s + 3 * TS]
     assert np.abs(on_time / TS - np.round(on_time / TS)).max() < 1e-6
     assert_recovered(result, from_s + jump_s + 1.9, within_deg=1.0)

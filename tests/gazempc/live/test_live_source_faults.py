@@ -1,4 +1,4 @@
-"""Faults of the source: what it raises, and observations, names and orientations that make no sense."""
+"""Faults of the source: exceptions, and invalid observations, names and orientations."""
 
 import dataclasses
 import itertools
@@ -28,7 +28,7 @@ from predictors import ConstantVelocity
 
 
 def test_an_observation_with_nan_a_bad_quaternion_or_a_head_at_the_sensor_is_refused():
-    """Forged past the check of `HeadObservation`, as a source in another language might."""
+    """Bypasses the checks of `HeadObservation`, as a source in another language might."""
     heads = [("head_position_base_m", np.full(3, value)) for value in (np.nan, 0.005)]
     others = [("pelvis_quat_wxyz", np.zeros(4)), ("position_covariance_m2", np.zeros((3, 3)))]
     wrong = itertools.cycle([*heads, *others])
@@ -47,8 +47,8 @@ def test_an_observation_with_nan_a_bad_quaternion_or_a_head_at_the_sensor_is_ref
     assert_recovered(result, 1.0 + 1.2)
 
 
-def test_a_source_that_raises_is_asked_again_the_neck_brakes_and_a_burst_of_stale_frames_is_dropped():
-    """What it raises is in the log with its traceback, once. Then it delivers all that it has kept."""
+def test_a_raising_source_is_retried_after_braking_and_stale_frames_are_dropped():
+    """The exception is logged once with its traceback. Then the source delivers its backlog."""
     to_s = 3.5
 
     def on_poll(now_s):
@@ -59,7 +59,7 @@ def test_a_source_that_raises_is_asked_again_the_neck_brakes_and_a_burst_of_stal
     assert_sound(result)
     lost = {"target_lost", "stale_observation", "observations_dropped"}
     assert result.events == {"no_observation_yet", "source_failed", *lost}
-    # An event is written once, when it begins, however many the frames.
+    # An event is recorded once, at its start, for any number of frames.
     assert result.event_s("stale_observation").size == 1
     assert result.event_s("source_failed") == pytest.approx([1.0], abs=TS)
     (fault,) = result.logs[0][0].faults
@@ -71,11 +71,11 @@ def test_a_source_that_raises_is_asked_again_the_neck_brakes_and_a_burst_of_stal
     assert np.abs(braked).max() < 1e-9
     lag_s = result.joined("arrival_time_s") - result.joined("capture_time_s")
     assert lag_s.max() <= 0.5
-    assert (lag_s > 0.1).sum() > 10  # what was not stale of it was used
+    assert (lag_s > 0.1).sum() > 10  # its recent frames were used
     assert_recovered(result, to_s + 1.9, within_deg=1.0)
 
 
-def test_a_clock_that_is_ahead_is_an_event_and_a_sender_that_is_refused_is_reported_every_ten_seconds(caplog):
+def test_a_fast_clock_is_an_event_and_refused_senders_are_reported_every_10_s(caplog):
     def ahead(now_s, sighting):
         seen = sighting.observation
         return [Sighting(sighting.arrival_s, dataclasses.replace(seen, capture_time_s=seen.capture_time_s + 0.2))]
@@ -92,15 +92,15 @@ def test_a_clock_that_is_ahead_is_an_event_and_a_sender_that_is_refused_is_repor
     for frame in range(301):
         clock.sleep_until_s(frame / 30)
         list(arrivals.take(clock.now_s(), recorder))
-    said = [record.getMessage() for record in caplog.records if "stranger" in record.getMessage()]
-    assert said == [f"sender_refused: a stranger at {k} s" for k in (0, 10)]
+    messages = [record.getMessage() for record in caplog.records if "stranger" in record.getMessage()]
+    assert messages == [f"sender_refused: a stranger at {k} s" for k in (0, 10)]
     assert recorder.refusals["sender_refused"] == 301
     assert {text.partition(":")[0] for text in report.warnings} == {"sender_refused", "clock_shifted", "wrong_clock"}
     assert [recorder.events.count(name) for name in ("clock_shifted", "wrong_clock")] == [1, 1]
 
 
 @pytest.mark.slow
-def test_a_tick_begins_no_more_updates_than_it_has_time_for():
+def test_updates_per_tick_are_bounded_by_its_duration():
     clock = RealClock()
     result = run_live(
         clock=clock, source=Flood(clock), predictor=Slow(), planner=BackgroundPlanner, start_rad=NECK.rest_rad,
@@ -116,7 +116,7 @@ def test_a_tick_begins_no_more_updates_than_it_has_time_for():
     assert result.report.ticks > 20
 
 
-def test_a_person_whose_name_and_orientation_change_at_every_frame_is_one_person():
+def test_changing_names_and_orientations_remain_one_person():
     frames = itertools.count()
 
     def change(now_s, sighting):
@@ -137,17 +137,17 @@ def test_a_person_whose_name_and_orientation_change_at_every_frame_is_one_person
     assert len(set(ids)) == len(ids) > 60
 
 
-def test_among_several_people_who_enters_leaves_and_is_renamed_is_an_event():
+def test_entering_leaving_and_renamed_people_are_events():
     """Beside the walker: a second person from 1.0 to 2.5 s, and again from 4.0 s."""
 
     def change(now_s, sighting):
         seen = sighting.observation
-        there = [(seen.head_position_base_m, "a" if now_s < 3.0 else "c")]
+        people_m = [(seen.head_position_base_m, "a" if now_s < 3.0 else "c")]
         if 2.0 <= now_s < 2.2:
-            there.append((there[0][0] + [0.1, 0.0, 0.0], "body"))
+            people_m.append((people_m[0][0] + [0.1, 0.0, 0.0], "body"))
         if 1.0 <= now_s < 2.5 or now_s >= 4.0:
-            there.append((np.array([4.0, 2.5, 0.3]), "b"))
-        observed = [dataclasses.replace(seen, head_position_base_m=at_m, person_id=name) for at_m, name in there]
+            people_m.append((np.array([4.0, 2.5, 0.3]), "b"))
+        observed = [dataclasses.replace(seen, head_position_base_m=at_m, person_id=name) for at_m, name in people_m]
         return [Sighting(sighting.arrival_s, each) for each in observed]
 
     attended = AttendedPeople(ConstantVelocity, Attention(Nearest(), AttentionSettings()), LoopSettings())
@@ -161,7 +161,7 @@ def test_among_several_people_who_enters_leaves_and_is_renamed_is_an_event():
     assert began_s["person_renamed"] == pytest.approx([3.0], abs=delay_s)
     assert began_s["person_returned"] == pytest.approx([4.0], abs=delay_s)
     assert len(began_s["attention_switched"]) == 1
-    # Observations that are not the walker's, or come before a track is confirmed.
+    # Observations of others, or before a track is confirmed.
     assert result.refused["another_person"] == pytest.approx(30 * (1.5 + 0.5), abs=8)
     assert result.refused["seen_twice"] == pytest.approx(6, abs=1)
     assert set(result.refused) == {"another_person", "seen_twice"}

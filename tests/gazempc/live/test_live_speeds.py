@@ -1,4 +1,4 @@
-"""Live runs of necks that take speeds: the gaze follows, and the end is a stop, whatever ends the run."""
+"""Live runs of speed-driven necks: tracking, and a stop at any end of the run."""
 
 import functools
 import json
@@ -38,7 +38,7 @@ def mujoco_neck(neck, start_rad, clock_s):
 
 @functools.cache
 def sent_angles():
-    """What the same neck does that is sent angles."""
+    """A run of the same neck with angle commands."""
     return run_live(neck=with_both(PTZ, command="position"), duration_s=3.0).joined("joint_position_rad")
 
 
@@ -61,7 +61,7 @@ def test_the_gaze_follows_within_limits_and_ends_with_a_stop(neck, robot_class):
 
 
 @pytest.mark.slow
-def test_a_camera_keeps_a_walker_in_its_zone_rests_before_one_who_sways_and_stands_when_it_was_gone():
+def test_a_camera_frames_a_walker_rests_before_sway_and_stops_when_lost():
     framing = gz.Framing(view_deg=(60.0, 34.0), headroom=0.5, lead_room=0.0)  # the zone: 9.9 deg to each side
     seen_deg = []
     with (
@@ -90,20 +90,20 @@ def test_a_camera_keeps_a_walker_in_its_zone_rests_before_one_who_sways_and_stan
     assert np.ptp(pan_deg[since_s > 7.4]) < 1.0 < np.ptp(person_deg[since_s > 7.4])
 
 
-def test_settings_that_follow_from_the_camera():
+def test_a_camera_sets_neck_mount_and_timeouts():
     settings = parse(["--robot", "visca:emulator", "--source", "camera:emulator"])
     assert (settings.neck, settings.mount.on) == ("ptz", "head")
     assert (settings.loop.stale_after_s, settings.loop.lost_after_s) == (1.5, 2.0)
     with pytest.raises(SettingsError, match="neck"):
         parse(["--robot", "visca:192.168.0.8", "--source", "camera"])
-    # A lower top speed leaves the scale of the device as it is.
+    # A lower speed limit does not change the scale of the device.
     words = ["--robot", "visca:h", "--source", "stdin", "--neck", "ptz", "--loop.speed-max-rad-s", "0.1"]
     slow = build(parse(words)).neck
     assert (slow.pan.velocity_max_rad_s, slow.pan.full_rad_s) == (0.1, PTZ.pan.velocity_max_rad_s)
 
 
 @pytest.mark.parametrize("command", ["live", "identify"])
-def test_a_password_in_the_address_of_a_stream_is_refused_and_shown_nowhere(command, capsys):
+def test_a_password_in_a_stream_address_is_refused_and_never_shown(command, capsys):
     run = {"live": main, "identify": identify}[command]
     words = ["--robot", "visca:h", "--neck", "ptz", "--source"]
     assert run([*words, "camera:rtsp://me:secret@192.0.2.1/x"]) == 2
@@ -113,13 +113,13 @@ def test_a_password_in_the_address_of_a_stream_is_refused_and_shown_nowhere(comm
     check_address("camera:rtsp://me:$CAMERA_PASSWORD@192.0.2.1/x")
 
 
-def test_a_probe_on_the_command_line(capsys):
+def test_the_probe_prints_power_position_and_top_speeds(capsys):
     with camera() as (server, _):
         assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 0
         assert not server.driven
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for line in ("power           on", "position        0 and 0 counts", "fastest speeds  24 and 20"):
-        assert line in said
+        assert line in output
     assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 2
     assert main(["--robot", "simulated", "--probe"]) == 2
 

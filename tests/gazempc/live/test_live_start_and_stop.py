@@ -1,4 +1,4 @@
-"""Start and end: nothing jumps, the neck is braked within its limits, and everything is closed."""
+"""Start and end: no jump, braking within limits, all parts closed."""
 
 import signal
 import subprocess
@@ -29,8 +29,8 @@ START_RAD = np.array([0.5, -0.1])
 
 
 @pytest.mark.parametrize(("kind", "until_s"), [(TimeoutError, 1.5), ("none", 0.3), ("nan", 1.5), ("three joints", 0.3)])
-def test_joints_that_cannot_be_read_at_first_are_waited_for_or_given_up_but_nothing_jumps(kind, until_s):
-    """A command at rest straight ahead would be a jump; a robot that never answers may be refused."""
+def test_unreadable_joints_delay_or_end_the_start_without_a_jump(kind, until_s):
+    """A command straight ahead would be a jump; a robot that never answers may be refused."""
 
     def on_read(now_s, state):
         return answers_badly(kind, state) if now_s < until_s else state
@@ -45,7 +45,7 @@ def test_joints_that_cannot_be_read_at_first_are_waited_for_or_given_up_but_noth
     assert all(np.allclose(position_rad, START_RAD, atol=1e-12) for _, position_rad in result.robot.received)
 
 
-def test_told_to_stop_before_it_began_the_neck_does_not_jump():
+def test_a_stop_before_the_first_tick_causes_no_jump():
     stop = threading.Event()
     stop.set()
     result = run_live(stop=stop, start_rad=START_RAD)
@@ -74,8 +74,8 @@ def test_a_start_outside_range_or_gaze_region_is_refused_but_a_simulated_robot_i
 
 
 @pytest.mark.parametrize(("region_deg", "accepted"), [(REGION_DEG, False), ((-20.0, 20.0, -10.0, 20.0), True)])
-def test_a_neck_without_encoders_is_refused_a_region_without_its_rest(tmp_path, region_deg, accepted):
-    """Its first command is where it rests; from a rest outside the region that would be a step."""
+def test_without_encoders_a_region_must_contain_the_rest_pose(tmp_path, region_deg, accepted):
+    """The first command is the rest pose; a rest pose outside the region would cause a step."""
     path = tmp_path / "blind.toml"
     path.write_text(as_toml(NECK.model_copy(update={"reports_joints": False}).model_dump(exclude_none=True)))
     words = ["--source", "replay", "--robot", "simulated", "--simulated-clock", "--neck", str(path)]
@@ -86,7 +86,7 @@ def test_a_neck_without_encoders_is_refused_a_region_without_its_rest(tmp_path, 
 
 @pytest.mark.parametrize("part", ["robot", "source"])
 @pytest.mark.parametrize("error", [RobotError, RuntimeError])
-def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
+def test_parts_that_fail_to_open_are_closed(part, error, monkeypatch):
     calls = []
 
     def fail(self):
@@ -94,7 +94,7 @@ def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
         raise error("cannot be opened")
 
     monkeypatch.setattr(Spied if part == "robot" else Faulty, "connect" if part == "robot" else "open", fail)
-    # What a part of one's own raises beside the promised errors becomes one of them.
+    # Undocumented exceptions of a user-defined part are converted to documented ones.
     promised = error if issubclass(error, GazempcError) else {"robot": RobotError, "source": SourceError}[part]
     with pytest.raises(promised, match="cannot be opened") as raised:
         run_live()
@@ -105,7 +105,7 @@ def test_what_cannot_be_opened_is_closed_all_the_same(part, error, monkeypatch):
 
 
 @pytest.mark.parametrize("why", ["signal", "duration", "end of the source"])
-def test_told_to_stop_the_neck_brakes_within_limits_and_everything_is_closed(why):
+def test_a_stop_brakes_within_limits_and_closes_all_parts(why):
     stop, closed = threading.Event(), []
 
     def on_poll(now_s):
@@ -133,7 +133,7 @@ def test_told_to_stop_the_neck_brakes_within_limits_and_everything_is_closed(why
 
 @pytest.mark.parametrize("neck", [NECK, load_neck("ptz")], ids=["angles", "speeds"])
 @pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
-def test_what_ends_a_run_in_mid_motion_brakes_the_neck_first(error, neck):
+def test_a_run_ended_in_motion_brakes_the_neck_first(error, neck):
     """A log that cannot be written, and an interrupt, which takes the place of one command."""
     interrupted_s = []
 
@@ -160,7 +160,7 @@ def test_what_ends_a_run_in_mid_motion_brakes_the_neck_first(error, neck):
     assert result.robot.calls[-1] == result.source.calls[-1] == "close"
 
 
-def test_the_first_signal_asks_for_the_end_and_the_third_one_ends_the_process():
-    """The second one is within the handling of the first: handlers run between any two instructions."""
+def test_the_first_signal_requests_the_end_and_the_third_ends_the_process():
+    """The second arrives in the handler of the first: handlers run between any two instructions."""
     done = subprocess.run([sys.executable, "-c", SIGNALLED], capture_output=True, text=True, check=False, timeout=240)
     assert (done.stdout.split(), done.returncode) == (["True"], -signal.SIGHUP), done.stderr

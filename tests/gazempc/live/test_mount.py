@@ -1,4 +1,4 @@
-"""Where the sensor is: its observations in the base frame, also while the head that carries it moves."""
+"""Sensor pose: observations in the base frame, also from a sensor on the moving head."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -38,7 +38,7 @@ def seen(point_m, quat_wxyz=None, time_s=1.0):
     st.sampled_from([("base", 2), *(("head", n) for n in (2, 3, 4, 5)), ("eye", 4), ("eye", 5)]), points, turns, points
 )
 def test_a_sensor_is_fixed_to_the_base_or_moves_with_the_whole_chain(moves, position_m, roll_pitch_yaw_deg, fixed_m):
-    """What stands still in the room, seen from wherever the sensor is, stands still; a covariance turns with it."""
+    """A fixed point stays fixed in the base frame for any sensor pose; its covariance is rotated."""
     (on, joints), covariance = moves, np.diag([1.0, 0.1, 0.02])
     mount = Mount(on=on, position_m=position_m, roll_pitch_yaw_deg=roll_pitch_yaw_deg)
     for angles_rad in np.random.default_rng(0).uniform(-0.8, 0.8, (3, joints)):
@@ -65,7 +65,7 @@ def test_the_history_of_the_joints_is_interpolated():
 
 
 def arrived(captured_s, mount):
-    """What becomes of a frame that arrives at 0.5 s, while pan turns by 1 rad/s from 0.1 s on."""
+    """A frame that arrives at 0.5 s, with pan turning at 1 rad/s from 0.1 s on."""
     neck, clock = load_neck("reference").model_copy(update={"geometry": GEOMETRY}), SimulatedClock()
     sighting = Sighting(0.5, seen(POINT_M, time_s=captured_s))
     source = SimpleNamespace(poll=lambda: Arrived((sighting,)))
@@ -80,12 +80,12 @@ def arrived(captured_s, mount):
 POINT_M = [2.0, 0.1, 0.3]
 
 
-def test_a_sensor_that_moves_is_placed_by_the_joints_at_the_capture():
+def test_a_moving_sensor_is_placed_by_the_joints_at_capture():
     mount = Mount(on="head", position_m=(0.06, 0.02, 0.08), roll_pitch_yaw_deg=(2.0, -5.0, 3.0))
     (sighting,), _ = arrived(0.25, mount)
     expected_m = (sensor_in_base(mount, GEOMETRY, np.array([0.25, 0.0])) @ [*POINT_M, 1.0])[:3]
     np.testing.assert_allclose(sighting.observation.head_position_base_m, expected_m, atol=1e-12)
-    # Joints before the first tick are not known.
+    # Joints before the first tick are unknown.
     found, report = arrived(0.05, mount)
     assert (found, report.n_problems) == ([], 1)
 
@@ -101,8 +101,8 @@ NAMED = {
 
 @pytest.mark.parametrize("axes", NAMED)
 @given(point=points, yaw_deg=st.floats(-170.0, 170.0))
-def test_other_axes_and_units_are_the_same_person(axes, point, yaw_deg):
-    """Position, covariance and where the face looks, written by hand in the other axes, in millimetres."""
+def test_other_axes_and_units_give_the_same_observation(axes, point, yaw_deg):
+    """Position, covariance and facing direction, written by hand in other axes, millimetres."""
     forward, left, up = NAMED[axes]
     written = 1e3 * (point[0] * forward + point[1] * left + point[2] * up)
     yaw = np.deg2rad(yaw_deg)

@@ -1,4 +1,4 @@
-"""What arrives is watched: heads that cannot be are refused; wrong unit, axes, rate and names are findings."""
+"""Plausibility of input: implausible heads are refused; wrong units, axes, rates and names are findings."""
 
 import dataclasses
 
@@ -21,12 +21,12 @@ from gazempc.sim.sensor import observe, sensor_names
 @pytest.mark.parametrize(
     "head_m", [[0.0, 0.0, 0.0], [0.1, 0.1, 0.1], [1e9, 0.0, 0.0], [20.0, 23.0, 0.0], [3.0, 0.0, 3.1], [3.0, 0.0, -3.1]]
 )
-def test_a_head_that_is_nowhere_is_refused(head_m):
+def test_an_implausible_head_position_is_refused(head_m):
     assert refused([[3.0, 0.0, 2.9], head_m, [0.21, 0.0, 0.0]]) == [False, True, False]
 
 
 @pytest.mark.parametrize("rate_hz", [10, 200])
-def test_who_flies_is_refused_after_half_a_second_and_until_they_slow_down(rate_hz):
+def test_an_implausible_speed_is_refused_after_half_a_second_until_it_falls(rate_hz):
     times_s = np.arange(0.0, 2.0, 1 / rate_hz)
     speed = np.where((times_s > 0.5) & (times_s < 1.3), 8.0, 1.0)
     heads = [[3.0, y, 0.4] for y in np.cumsum(speed) / rate_hz - 5.0]
@@ -37,7 +37,7 @@ def test_who_flies_is_refused_after_half_a_second_and_until_they_slow_down(rate_
     assert not any(refused(slower, 1 / rate_hz))
 
 
-def test_what_trackers_do_is_no_flight():
+def test_ordinary_tracker_errors_are_plausible():
     rng = np.random.default_rng(0)
     here, there = np.array([2.0, -2.0, 0.4]), np.array([4.0, 3.0, 0.4])
     jump = [here] * 30 + [there] * 30
@@ -51,7 +51,7 @@ def test_what_trackers_do_is_no_flight():
     assert sum(refused(people)) < 3
 
 
-def test_refused_heads_are_counted_by_name_and_limit_the_speed_while_one_is_near():
+def test_refused_heads_are_counted_by_name_and_near_ones_limit_the_speed():
     far_s, near_s, speed_rad_s = between(0.4, 0.9), between(1.5, 2.5), 0.1
 
     def at(sighting, head_m):
@@ -93,7 +93,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize(("option", "sent"), OTHERS.items(), ids=OTHERS.keys())
-def test_a_wrong_unit_and_wrong_axes_are_named_and_the_option_mends_them(option, sent):
+def test_wrong_units_and_axes_are_reported_with_the_correcting_option(option, sent):
     ((event, text),) = judged_place(sent)
     name, _, value = option.partition(" ")
     assert event == f"wrong_{name.removesuffix('-m')}"
@@ -102,8 +102,8 @@ def test_a_wrong_unit_and_wrong_axes_are_named_and_the_option_mends_them(option,
     assert judged_place(sent, mended) == []
 
 
-def test_a_person_too_high_too_far_or_too_fast():
-    # Seven frames here, seven frames there: two people without names.
+def test_an_implausible_height_range_or_speed_is_reported():
+    # Alternating blocks of seven frames: two people without names.
     in_turn_m = np.where(np.arange(28)[:, None] // 7 % 2, WALK_M, np.add(WALK_M, (0, 3.0, 0)))
     for sent, mount, named in (
         (WALK_M, Mount(position_m=(0.0, 0.0, 3.0)), "--mount.position-m"),
@@ -126,13 +126,13 @@ def test_a_person_too_high_too_far_or_too_fast():
         (np.arange(0.0, 4.0, 1 / 5.0), "5.0"),
         (np.arange(0.0, 4.0, 1 / 4.0), "camera"),
         (np.arange(0.0, 4.0, 1 / 0.8), "--loop.lost-after-s"),
-        # A person who is rarely found.
+        # A person with sparse detections.
         (np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]])), "rarely found"),
-        # Each person of a frame has its time; a gap is no rate.
+        # People of a frame share its time; a gap does not count as an interval.
         (np.append(np.repeat(np.arange(0.0, 1.0, 1 / 30), 2), [3.0, 3.03]), None),
     ],
 )
-def test_rare_frames_are_told_from_the_median_of_their_intervals(times_s, named):
+def test_a_low_frame_rate_is_judged_by_the_median_interval(times_s, named):
     found = judge_rate(times_s, 1.0, SetupHints())
     assert [named in each.text for each in found] == [True] * (named is not None)
 
@@ -140,7 +140,7 @@ def test_rare_frames_are_told_from_the_median_of_their_intervals(times_s, named)
 LEFT, RIGHT = [2.0, 1.5, 0.3], [2.5, -1.5, 0.3]
 
 
-def test_a_wrong_unit_and_new_names_are_noticed_among_several_who_need_no_names():
+def test_among_several_people_wrong_units_and_new_names_are_reported():
     assert findings(frames(LEFT, RIGHT, [4.0, 0.0, 0.2])) == {}
     assert findings(frames(LEFT, RIGHT, name=lambda k, i: "ab"[i])) == {}
     millimetres = [list(1e3 * np.array(at_m)) for at_m in (LEFT, RIGHT)]
@@ -151,7 +151,7 @@ def test_a_wrong_unit_and_new_names_are_noticed_among_several_who_need_no_names(
 
 
 @pytest.mark.parametrize("sensor", sensor_names())
-def test_good_data_are_not_complained_of(sensor):
+def test_good_data_give_no_finding(sensor):
     scene = make_scene("subject01_R1", SceneSettings(sensor=sensor))
     watch = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints())
     for sighting in observe(scene.walk, scene.sensor, 0):

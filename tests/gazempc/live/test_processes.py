@@ -29,7 +29,7 @@ def may():
 
 
 @pytest.mark.skipif(not may(), reason="real-time priorities are not allowed to this user (limit rtprio)")
-def test_the_thread_that_sends_commands_goes_first_and_all_is_as_before_afterwards():
+def test_the_command_thread_has_priority_and_all_priorities_are_restored():
     ended, found = threading.Event(), []
     other = threading.Thread(target=ended.wait)
     other.start()
@@ -49,21 +49,21 @@ def seen(time_s):
 
 
 @pytest.mark.slow
-def test_it_forecasts_and_raises_as_it_does_here_and_its_process_ends_with_it():
+def test_a_predictor_process_forecasts_and_raises_as_in_process_and_ends_with_its_proxy():
     others = set(multiprocessing.active_children())
-    here, there = ConstantVelocity(), IsolatedPredictor(Exits)
+    local, remote = ConstantVelocity(), IsolatedPredictor(Exits)
     (process,) = set(multiprocessing.active_children()) - others
-    for predictor in (here, there):
+    for predictor in (local, remote):
         for k in range(6):
             predictor.update(seen(k / 30))
         with pytest.raises(OutOfOrderError):
             predictor.update(seen(0.0))
     times_s = np.array([0.3, 0.6])
     with pytest.raises(SystemExit, match="bye"):
-        there.forecast(times_s)
-    np.testing.assert_array_equal(there.forecast(times_s).means_base_m, here.forecast(times_s).means_base_m)
-    assert there.rejections_in_a_row == here.rejections_in_a_row
-    del predictor, there
+        remote.forecast(times_s)
+    np.testing.assert_array_equal(remote.forecast(times_s).means_base_m, local.forecast(times_s).means_base_m)
+    assert remote.rejections_in_a_row == local.rejections_in_a_row
+    del predictor, remote
     gc.collect()  # exceptions hold what raised them
     process.join(20.0)
     assert not process.is_alive()

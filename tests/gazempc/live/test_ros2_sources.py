@@ -1,4 +1,4 @@
-"""Sources of ROS 2 topics: heads of a person with their time of capture, points and sounds as cues."""
+"""Sources of ROS 2 topics: heads with capture times, points and sounds as cues."""
 
 import math
 import threading
@@ -39,7 +39,7 @@ def opened(stage, pose_type=POSE, base_frame=None, optical=False):
     return stage.listening(Ros2Person(TOPIC, stage.clock_s, stage.to_loop_s, options, optical, stage.make_node))
 
 
-def test_every_pose_with_its_time_of_capture_and_those_that_cannot_be_used_are_problems(stage):
+def test_poses_have_capture_times_and_unusable_ones_are_problems(stage):
     person = opened(stage)
     captured_s = NOW_S - 1.0 + np.arange(100) / 128
     for k, at_s in enumerate(captured_s):
@@ -59,7 +59,7 @@ def test_every_pose_with_its_time_of_capture_and_those_that_cannot_be_used_are_p
     assert person.poll().sightings == ()
 
 
-def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(stage):
+def test_position_and_yaw_covariances_are_used_and_zeros_mean_unknown(stage):
     person = opened(stage, WITH_COVARIANCE)
     full, position_only, bad = np.diag([0.25, 0.04, 0.01, 0.0, 0.0, 0.09]), np.zeros((6, 6)), np.zeros((6, 6))
     full[0, 1] = full[1, 0] = 0.05
@@ -80,7 +80,7 @@ def test_a_covariance_of_position_and_yaw_is_used_and_zeros_are_not_known(stage)
     np.testing.assert_array_equal(blind.position_covariance_m2, full[:3, :3])
 
 
-def test_points_and_several_heads_in_one_message(stage):
+def test_points_and_pose_arrays_are_read(stage):
     pointed = opened(stage, POINT)
     stage.put(TOPIC, POINT, stamped_point("camera_link", [1.0, 2.0, 0.3], NOW_S))
     (seen,), _ = polled(pointed, 1)
@@ -93,7 +93,7 @@ def test_points_and_several_heads_in_one_message(stage):
     assert "not finite" in problem
 
 
-def test_detections_have_ids_scores_and_a_box_where_the_hypothesis_has_no_pose(stage):
+def test_detections_have_ids_scores_and_a_box_as_fallback_pose(stage):
     person = opened(stage, DETECTIONS)
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = 0.01 * np.eye(3)
@@ -112,7 +112,7 @@ def test_a_pose_in_a_moving_frame_is_placed_by_tf_at_its_stamp(stage):
     stage.tf(transform("camera_link", [0.0, 0.0, 1.0], turns[0], "base_link", NOW_S - 0.1))
     covariance = np.diag([0.04, 0.0001, 0.0001, 0.0, 0.0, 0.09])
     stage.put(TOPIC, WITH_COVARIANCE, with_covariance([2.0, 0.0, 0.0], covariance, at_s=NOW_S - 0.05))
-    assert person.poll().sightings == ()  # tf at the stamp is not known yet
+    assert person.poll().sightings == ()  # the transform at the stamp has not arrived yet
     stage.tf(transform("camera_link", [0.0, 0.0, 1.0], turns[1], "base_link", NOW_S))
     (seen,), problems = polled(person, 1)
     assert problems == []
@@ -132,7 +132,7 @@ def opened_cues(stage, to_base=lambda place_m: place_m, **options):
     return stage.listening(Ros2Cues(stage.clock_s, stage.to_loop_s, Ros2Options(**options), to_base, stage.make_node))
 
 
-def test_a_point_is_glanced_at_by_its_frame_at_its_stamp_or_now_waited_for_and_then_a_problem(stage):
+def test_a_glance_point_waits_for_its_transform_and_then_is_a_problem(stage):
     source = opened_cues(stage, point_topic="pointing", base_frame="base_link", point_lasts_s=1.5)
     stage.put("/pointing", POINT, stamped_point("base_link", [np.nan, 0, 0]))
     _, (problem,) = polled(source, 1)
@@ -154,7 +154,7 @@ def test_a_point_is_glanced_at_by_its_frame_at_its_stamp_or_now_waited_for_and_t
 
 
 @pytest.mark.parametrize(("type_name", "value", "azimuth_rad"), [(INT, -90, -math.pi / 2), (FLOAT, 0.5, 0.5)])
-def test_a_direction_of_speech_in_degrees_or_radians(stage, type_name, value, azimuth_rad):
+def test_a_sound_direction_is_in_degrees_or_radians(stage, type_name, value, azimuth_rad):
     source = opened_cues(stage, sound_topic="/sound_direction", sound_type=type_name)
     for data in (value, 1000):
         stage.put("/sound_direction", type_name, make_message(type_name, data=data))
@@ -163,7 +163,7 @@ def test_a_direction_of_speech_in_degrees_or_radians(stage, type_name, value, az
     assert "is 1000" in problem
 
 
-def test_speech_heard_by_a_head_that_is_turned(stage):
+def test_a_sound_direction_is_transformed_from_a_turned_head(stage):
     def turned_left(place_m):
         return Rotation.from_euler("z", 10.0, degrees=True).apply(place_m) + 1.0
 
@@ -179,7 +179,7 @@ def test_speech_heard_by_a_head_that_is_turned(stage):
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20 - 50 + 10)
 
 
-def test_a_gaze_from_python_hears_them_too(stage):
+def test_a_python_gaze_receives_ros_cues(stage):
     settings = {"attend": "speaker"}
     setup, _, _ = setup_of_gaze("reference", "simulated", "lookahead", "constant_velocity", settings)
     cues = Ros2Cues(
@@ -187,11 +187,11 @@ def test_a_gaze_from_python_hears_them_too(stage):
     )
     run = LiveRun(replace(setup, more_sources=(cues,)), lambda log, times: None)
 
-    def heard():
+    def publish():
         for degrees in (20, 1000):
             stage.put("/heard", INT, make_message(INT, data=degrees))
 
-    run.run(threading.Event(), 0.3, heard)
+    run.run(threading.Event(), 0.3, publish)
     assert run.logs.events["bad_observation"] == 1
     (sound,) = setup.several.several.attention._sounds
     assert math.degrees(sound.azimuth_rad) == pytest.approx(20)

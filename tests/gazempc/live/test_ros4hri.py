@@ -1,4 +1,4 @@
-"""The source ros4hri: each person in tf, with what is tracked of them, as trackers put it on the wire."""
+"""The source ros4hri: people by their tf frames and tracked ids, in serialised messages."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def opened(stage, base_frame=None):
     )
 
 
-def heard(source, stage, topic, type_name, data):
+def publish(source, stage, topic, type_name, data):
     stage.put(topic, type_name, data)
     source.poll()
 
@@ -33,7 +33,7 @@ def names(found):
     return [each.person_id for each in found]
 
 
-def test_each_person_in_tf_is_seen_with_their_id_and_what_cannot_be_used_is_a_problem(stage):
+def test_people_in_tf_are_observed_by_id_and_unusable_ones_are_problems(stage):
     source = opened(stage)
     stage.tf(
         transform("face_a1b2c", [1.0, 0.2, 0.1]),
@@ -51,7 +51,7 @@ def test_each_person_in_tf_is_seen_with_their_id_and_what_cannot_be_used_is_a_pr
     assert sorted(text.split(":")[0] for text in problems) == [f"/tf, face_{name}" for name in "abcd"]
 
 
-def test_a_camera_on_a_head_that_turns(stage):
+def test_a_face_is_transformed_from_a_turning_camera(stage):
     """From the face to the robot's base by moving and static frames, at the time of capture."""
     source = opened(stage, "base_link")
     stage.tf_static(
@@ -61,7 +61,7 @@ def test_a_camera_on_a_head_that_turns(stage):
     pan = [Rotation.from_euler("z", deg, degrees=True).as_quat(scalar_first=True) for deg in (20.0, 40.0)]
     captured_s = NOW_S - 0.1
     stage.tf(transform("head_link", [0.0, 0.0, 0.0], pan[0], "neck_link", captured_s - 0.015))
-    # Where the robot's head is becomes known later than the face.
+    # The transform of the robot's head arrives later than the face.
     stage.tf(transform("face_a", [0.3, -0.2, 2.0], FACING, OPTICAL, captured_s))
     assert source.poll().sightings == ()
     stage.tf(transform("head_link", [0.0, 0.0, 0.0], pan[1], "neck_link", captured_s + 0.005))
@@ -78,20 +78,20 @@ def test_a_camera_on_a_head_that_turns(stage):
 
 def test_a_person_has_one_name_whatever_face_they_have(stage):
     source = opened(stage)
-    heard(source, stage, PERSONS, IDS, tracked("anna"))
-    heard(source, stage, "/humans/persons/anna/face_id", TEXT, text("f1"))
+    publish(source, stage, PERSONS, IDS, tracked("anna"))
+    publish(source, stage, "/humans/persons/anna/face_id", TEXT, text("f1"))
     stage.tf(transform("face_f1", [1.0, 0.0, 0.0]), transform("face_f9", [2.0, 1.0, 0.0]))
     assert names(polled(source, 2)[0]) == ["anna", "f9"]
-    heard(source, stage, "/humans/persons/anna/face_id", TEXT, text("f2"))
+    publish(source, stage, "/humans/persons/anna/face_id", TEXT, text("f2"))
     stage.tf(transform("face_f2", [1.0, 0.0, 0.0]), transform("face_f1", [1.0, 2.0, 0.0], at_s=NOW_S - 0.05))
     assert names(polled(source, 2)[0]) == ["anna", "f1"]
-    # Who is not tracked any more has no face: their old one is known by its own name.
-    heard(source, stage, PERSONS, IDS, tracked("bob"))
+    # A person no longer tracked has no face: the face keeps its own id.
+    publish(source, stage, PERSONS, IDS, tracked("bob"))
     stage.tf(transform("face_f2", [1.0, 0.0, 0.0], at_s=NOW_S - 0.02))
     assert names(polled(source, 1)[0]) == ["f2"]
 
 
-def test_a_body_counts_where_there_is_no_face(stage):
+def test_a_body_is_used_without_a_face(stage):
     source = opened(stage)
     leaning = Rotation.from_euler("zy", [90.0, 30.0], degrees=True)
     hips_m = np.array([2.0, 0.0, -0.5])
@@ -99,7 +99,7 @@ def test_a_body_counts_where_there_is_no_face(stage):
     body = leaning.as_quat(scalar_first=True)
     # A robot may have such frames.
     stage.tf(transform("body_b", hips_m, body, at_s=NOW_S - 0.4))
-    heard(source, stage, BODIES, IDS, tracked("b"))
+    publish(source, stage, BODIES, IDS, tracked("b"))
     stage.tf(transform("body_b", hips_m, body, at_s=NOW_S - 0.3), transform("body_other", hips_m))
     (seen,), problems = polled(source, 1)
     assert (seen.person_id, problems, seen.head_quat_wxyz) == ("b", [], None)
@@ -116,7 +116,7 @@ def test_a_body_counts_where_there_is_no_face(stage):
     assert names(polled(source, 1)[0]) == ["b"]
 
 
-def test_a_missing_sender_is_noticed_once_and_again_when_the_sender_has_gone(stage):
+def test_a_missing_publisher_is_reported_once_per_absence(stage):
     source = opened(stage)
     assert source.poll().notices == ()
 
@@ -132,12 +132,12 @@ def test_a_missing_sender_is_noticed_once_and_again_when_the_sender_has_gone(sta
         stage.gone("/tf")
 
 
-def test_a_skeleton_with_a_head_is_where_its_head_is(stage):
-    """The head is fixed to the last joint of a neck, which moves in the torso, which moves in the hips."""
+def test_a_skeleton_is_observed_at_its_head_joint(stage):
+    """A chain of static and moving transforms: head, neck joint, torso, hips."""
     source = opened(stage)
-    heard(source, stage, PERSONS, IDS, tracked("anna"))
-    heard(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"))
-    heard(source, stage, BODIES, IDS, tracked("b"))
+    publish(source, stage, PERSONS, IDS, tracked("anna"))
+    publish(source, stage, "/humans/persons/anna/body_id", TEXT, text("b"))
+    publish(source, stage, BODIES, IDS, tracked("b"))
     stage.tf_static(transform("head_b", [0.0, 0.0, 0.1], frame_id="p_head_b", at_s=None))
     for at_s in (NOW_S - 0.1, NOW_S - 0.05):
         stage.tf(
@@ -154,8 +154,8 @@ NAME, PEOPLE = "2p_AA_FV_eng_1", {"eloek", "ghfbv"}
 READ = ("tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String")
 
 
-def test_faces_that_real_nodes_sent_are_where_the_recording_has_them(stage, bags_dir):
-    """The first 1.8 s of two people at 30 frames a second, once more on the wire."""
+def test_faces_of_real_nodes_equal_the_recording(stage, bags_dir):
+    """The first 1.8 s of two people at 30 Hz, re-serialised."""
     with Reader(bags_dir / NAME) as bag:
         sent = [(c.topic, c.msgtype, 1e-9 * ns, raw) for c, ns, raw in bag.messages() if c.msgtype in READ]
     start_s = sent[0][2]

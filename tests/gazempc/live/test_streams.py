@@ -1,4 +1,4 @@
-"""Lines from standard input, UDP and TCP: put together however they are cut, and back after every interruption."""
+"""Lines from standard input, UDP and TCP: reassembly from any chunks, and recovery after interruptions."""
 
 import socket
 import sys
@@ -16,7 +16,7 @@ from gazempc.loop.events import Event
 from gazempc.people.company import Thinking
 
 
-def test_addresses():
+def test_addresses_are_parsed_or_refused():
     right = {"5005": ("here", 5005), "a.b:1": ("a.b", 1), "::1:9": ("::1", 9), ":7": ("here", 7)}
     assert {text: parse_address("udp:" + text, text, "here") for text in right} == right
     for text in ("", "65536", "host:-1", "host:²"):
@@ -25,7 +25,7 @@ def test_addresses():
 
 
 def read_from(wire, **options):
-    """A source that has ended, and what it gave."""
+    """A source read to its end, and its results."""
     source = LineSource(wire, RealClock(), **options)
     source.open()
     return source, Collector(source).until(lambda c: c.source.finished)
@@ -36,7 +36,7 @@ def read(chunks, **options):
 
 
 @pytest.mark.parametrize(("size", "end"), [(1, None), (64, OSError("gone"))])
-def test_lines_are_put_together_however_they_are_cut(size, end):
+def test_lines_are_reassembled_from_any_chunks(size, end):
     text = b"".join(line(k) for k in range(50)) + b"\n\n  \r\nrubbish\n" + line(50) + line(51).strip()
     wire = Scripted([text[i : i + size] for i in range(0, len(text), size)], end)
     source, found = read_from(wire)
@@ -48,14 +48,14 @@ def test_lines_are_put_together_however_they_are_cut(size, end):
     assert wire.closed == 1
 
 
-def test_cues_are_given_beside_observations():
+def test_cues_are_returned_with_observations():
     found = read([line(1, person_id="cue") + b'{"cue": "thinking", "lasts_s": 1}\n', b'{"cue": "thinking"}\n'])
     assert found.cues == [Thinking(1.0)]
     assert [sighting.observation.person_id for sighting in found.sightings] == ["cue"]
     assert found.problems[0].startswith("a wire, line 3: thinking.lasts_s")
 
 
-def test_a_line_without_end_is_given_up_and_the_next_ones_are_read():
+def test_an_endless_line_is_dropped_and_later_lines_are_read():
     long = b"x" * (LINE_MAX + 1)
     found = read([b"x" * 600_000, b"x" * 600_000, b"y\n" + line(1), long + b"\n" + line(2), long, line(9), line(3)])
     assert numbers(found.sightings) == [1, 2, 3]
@@ -64,14 +64,14 @@ def test_a_line_without_end_is_given_up_and_the_next_ones_are_read():
 
 
 @pytest.mark.parametrize("wrong", [b"\xff\xfe\x00\n", b"[" * 100_000 + b"\n", b'{"age_s": 1' + 400 * b"0" + b"}\n"])
-def test_no_line_ends_the_reading(wrong):
-    """Whatever is sent, the lines after it are read: otherwise one packet could blind the robot for good."""
+def test_no_line_stops_the_reader(wrong):
+    """Lines after any input are read: otherwise one packet could disable tracking."""
     found = read([line(1), wrong, line(2)])
     assert numbers(found.sightings) == [1, 2]
     assert len(found.problems) == 1
 
 
-def test_of_lines_that_come_at_once_the_newest_are_read_and_the_others_counted():
+def test_of_a_burst_the_newest_lines_are_read_and_the_rest_counted():
     found = read([b"".join(line(k) for k in range(100))])
     assert numbers(found.sightings) == list(range(36, 100))
     assert [(notice.event, notice.count) for notice in found.notices] == [(Event.OBSERVATIONS_DROPPED, 36)]
@@ -81,8 +81,8 @@ ONE, OTHER = ("10.0.0.7", 4000), ("10.0.0.9", 4000)
 
 
 @pytest.mark.parametrize(("allowed", "used", "stranger"), [([], [0, 3], OTHER), (["10.0.0.8/31"], [1, 4], ONE)])
-def test_a_stream_belongs_to_who_sent_the_first_observation_of_those_that_are_allowed(allowed, used, stranger):
-    """Rubbish takes it from no sender, and neither does the same computer from another port."""
+def test_a_stream_is_bound_to_the_first_allowed_sender_of_an_observation(allowed, used, stranger):
+    """Invalid lines do not bind the stream, nor does another port of the same computer."""
     one_again, other_again = (ONE[0], 4001), (OTHER[0], 4001)
     senders = [OTHER, ONE, OTHER, one_again, ONE, OTHER, other_again]
     texts = [b"rubbish\n", *map(line, range(6))]
@@ -93,7 +93,7 @@ def test_a_stream_belongs_to_who_sent_the_first_observation_of_those_that_are_al
     assert f"{stranger[0]}:{stranger[1]}" in notice.text
 
 
-def test_a_silent_sender_keeps_its_place_for_ten_minutes_and_one_whose_port_is_closed_loses_it():
+def test_a_silent_sender_stays_bound_for_10_minutes_unless_its_port_closes():
     senders = Senders()
     senders.heard(ONE, 10.0)
     assert senders.to_ask(12.9) is None
@@ -115,7 +115,7 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
     source.open()
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as tracker:
-        # With and without an end of line, several in one, and one that is cut: it is not glued to the next.
+        # With and without line end, several in one datagram, and a truncated one, which is not joined to the next.
         for datagram in (line(0), line(1).strip(), line(2) + line(3), line(4)[:20], line(5)):
             tracker.sendto(datagram, ("127.0.0.1", port))
         found = Collector(source).until(lambda c: numbers(c.sightings) == [0, 1, 2, 3, 5])
@@ -130,12 +130,12 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
         found.until(lambda c: numbers(c.sightings)[-1] == 6)
     clock.ahead_s = 120.0
 
-    def heard(collector):
+    def rebound(collector):
         stranger.sendto(line(7), ("127.0.0.1", port))
         return 7 in numbers(collector.sightings)
 
-    if sys.platform == "linux":  # which hands on that a port is closed
-        found.until(heard)  # a tracker that was started again has another port
+    if sys.platform == "linux":  # which reports that a port is closed
+        found.until(rebound)  # a restarted tracker has another port
     stranger.close()
     with pytest.raises(SourceError, match=f"UDP 127.0.0.1:{port}"):
         LineSource(UdpPort("127.0.0.1", port), clock).open()
@@ -146,7 +146,7 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
     again.close()
 
 
-def test_swapped_datagrams_that_wait_together_are_put_in_order():
+def test_queued_datagrams_are_sorted_by_time():
     ages_s = [0.5, 0.4, 0.2, 0.3, 0.1]
     found = read([b"".join(line(k, age_s=age_s) for k, age_s in enumerate(ages_s))])
     assert numbers(found.sightings) == [0, 1, 3, 2, 4]
@@ -155,14 +155,14 @@ def test_swapped_datagrams_that_wait_together_are_put_in_order():
 @pytest.mark.parametrize(
     ("host", "allowed", "warned"), [("0.0.0.0", [], True), ("0.0.0.0", ["127.0.0.1"], True), ("localhost", [], False)]
 )
-def test_who_listens_beyond_the_loopback_is_warned_of_the_risk(host, allowed, warned):
+def test_listening_beyond_the_loopback_gives_a_warning(host, allowed, warned):
     source = LineSource(UdpPort(host, free_port(socket.SOCK_DGRAM)), RealClock(), senders=Senders(allowed))
     source.open()
     assert [(n.event, n.count) for n in source.poll().notices] == ([(Event.OPEN_TO_ALL, 0)] if warned else [])
     source.close()
 
 
-def test_tcp_when_the_server_goes_away_and_comes_back():
+def test_tcp_reconnects_when_the_server_returns():
     port = free_port()
     clock = RealClock()
     with pytest.raises(SourceError, match=f"TCP 127.0.0.1:{port}: cannot be opened"):
@@ -176,7 +176,7 @@ def test_tcp_when_the_server_goes_away_and_comes_back():
             found = Collector(source).until(lambda c: numbers(c.sightings) == [0])
             connection.sendall(line(1)[10:] + line(2) + line(3)[:25])
             found.until(lambda c: numbers(c.sightings) == [0, 1, 2])
-        # It breaks off in the middle of a line; the rest of that line never comes.
+        # The connection ends within a line; the rest of the line never arrives.
         connection, _ = server.accept()
         with connection:
             connection.sendall(line(4) + line(5))

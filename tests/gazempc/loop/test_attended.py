@@ -1,4 +1,4 @@
-"""Several people as the loop knows them: what trackers do to each of them, and what becomes of it."""
+"""Several people in the loop: tracker faults of each, and their consequences."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ CALM = AttentionSettings(hysteresis_s=0.2, dwell_s=0.2)
 
 
 class Bench:
-    """Shows people to `AttendedPeople`, a frame at a time; people are functions of the time."""
+    """Feeds `AttendedPeople` frame by frame; people are functions of time."""
 
     def __init__(self, policy=None, predictor=ConstantVelocity, everyone=False):
         self.recorder = make_recorder()
@@ -26,7 +26,7 @@ class Bench:
         self.time_s = 0.0
 
     def show(self, seconds, *people):
-        """Show each person for whom a function gives a position, with orientation and name where it gives them."""
+        """Feed each person whose function returns a position, with optional orientation and name."""
         for _ in range(round(seconds / FRAME_S)):
             self.time_s += FRAME_S
             seen = [person(self.time_s) for person in people]
@@ -49,7 +49,7 @@ class Bench:
 
 
 def walker(x_m=2.0, speed_m_s=1.0, from_y_m=-1.0, name=None, frozen_s=(9.0, 9.0), quat=lambda time_s: None):
-    """Walks to the left; within some time the tracker stands frozen, and is then where the person is."""
+    """A walk to the left; the tracker is frozen in an interval, then at the true position."""
 
     def at(time_s):
         shown_s = frozen_s[0] if frozen_s[0] <= time_s < frozen_s[1] else time_s
@@ -62,19 +62,19 @@ def stands(x_m, y_m=1.0, name=None, until_s=99.0):
     return lambda time_s: ([x_m, y_m + 1e-3 * np.sin(9.0 * time_s), 0.3], None, name) if time_s < until_s else None
 
 
-def test_a_frozen_person_is_not_used_and_is_left_while_the_others_go_on():
+def test_a_frozen_track_is_not_used_and_attention_switches():
     bench = Bench().show(3.4, walker(name="a", frozen_s=(1.5, 3.0)), stands(3.0, name="b"))
     assert bench.attended[0] == (1, "policy")
     assert "tracker_frozen" in bench.events
     # Detected after 0.5 s; a second later the track has ended, and the other person is attended.
     assert bench.recorder.refusals["tracker_frozen"] == pytest.approx(30, abs=2)
     assert bench.attended[1] == (2, "left")
-    # As soon as the tracker goes on the first one is back under the same number.
+    # When the tracker resumes, the first person has the same number.
     assert [state.number for state in bench.target.people.present(bench.time_s)] == [1, 2]
     assert "person_returned" in bench.events
 
 
-def test_who_was_frozen_is_forecast_from_where_they_go_on():
+def test_after_freezing_the_forecast_restarts_at_the_new_position():
     bench = Bench().show(2.8, walker(frozen_s=(1.4, 2.2)))
     assert bench.events.count("tracker_frozen") == 1
     times_s = np.array([bench.time_s + 0.3])
@@ -82,8 +82,8 @@ def test_who_was_frozen_is_forecast_from_where_they_go_on():
     np.testing.assert_allclose(forecast.means_base_m[0], [2.0, -1.0 + times_s[0], 0.3], atol=0.15)
 
 
-def test_the_orientation_of_each_person_is_judged_by_their_own():
-    """Two who face each other's back are no jump; one who is turned round within a frame is."""
+def test_orientation_jumps_are_judged_per_person():
+    """Two people with opposite yaws give no jump; a half turn of one within a frame does."""
     quiet = Bench().show(1.0, walker(quat=lambda _: yaw_quat(0.0)), walker(3.0, quat=lambda _: yaw_quat(np.pi)))
     assert "orientation_jumped" not in quiet.events
     turned = walker(3.0, quat=lambda time_s: yaw_quat(np.pi if 0.49 < time_s < 0.51 else 0.0))
@@ -91,7 +91,7 @@ def test_the_orientation_of_each_person_is_judged_by_their_own():
     assert bench.events.count("orientation_jumped") == 1
 
 
-def test_what_the_predictor_refuses_is_counted():
+def test_observations_refused_by_the_predictor_are_counted():
     class Refuses(ConstantVelocity):
         rejections_in_a_row = 1
 
@@ -100,7 +100,7 @@ def test_what_the_predictor_refuses_is_counted():
     assert bench.recorder.used == 0
 
 
-def test_after_the_loss_of_all_people_none_is_attended_until_one_is_there():
+def test_nobody_is_attended_while_all_people_are_lost():
     bench = Bench().show(0.8, stands(2.0, 1.0), stands(3.0, -1.0)).show(1.2)
     assert bench.events[-1] == "nobody_attended"
     assert bench.target.forecast(np.array([2.5]), bench.time_s, bench.recorder) is None
@@ -109,33 +109,33 @@ def test_after_the_loss_of_all_people_none_is_attended_until_one_is_there():
 
 
 @pytest.mark.parametrize("answer", [None, "a", [1.0, 2.0, 3.0], float("nan")])
-def test_a_policy_that_answers_nonsense_is_survived(answer):
-    class Nonsense:
+def test_an_invalid_policy_answer_is_an_event_and_the_run_continues(answer):
+    class InvalidScores:
         def reset(self):
             pass
 
         def scores(self, company):
             return answer
 
-    bench = Bench(Nonsense()).show(0.5, stands(2.0))
+    bench = Bench(InvalidScores()).show(0.5, stands(2.0))
     assert "policy_failed" in bench.events
     assert bench.attended == []
 
 
 def test_a_policy_may_exclude_all_people():
-    class Nobody:
+    class ExcludesAll:
         def reset(self):
             pass
 
         def scores(self, company):
             return [np.nan if company.time_s > 0.6 else 1.0] * len(company.people)
 
-    bench = Bench(Nobody()).show(1.5, stands(2.0))
+    bench = Bench(ExcludesAll()).show(1.5, stands(2.0))
     assert bench.attended == [(1, "policy"), (0, "nobody")]
     assert "nobody_attended" in bench.events
 
 
-def test_a_late_frame_at_the_start_of_who_is_looked_at_is_used_and_the_newest_stays_the_newest():
+def test_a_late_first_frame_of_the_attended_person_is_used_and_the_newest_time_kept():
     bench, person = Bench(), walker()
     bench.show(4 * FRAME_S, lambda time_s: None if bench.time_s == 2 * FRAME_S else person(time_s))
     assert bench.attended == [(1, "policy")]
@@ -155,7 +155,7 @@ def test_a_late_frame_at_the_start_of_who_is_looked_at_is_used_and_the_newest_st
 
 
 @pytest.mark.parametrize(("everyone", "y_m"), [(False, -0.5), (True, 0.0)])
-def test_the_target_is_one_person_or_the_middle_of_all(everyone, y_m):
+def test_the_target_is_one_person_or_the_centre_of_all(everyone, y_m):
     bench = Bench(everyone=everyone)
     bench.show(1.0, walker(2.0, 0.0, -0.5), walker(2.01, 0.0, 0.5))
     forecast = bench.target.forecast(np.array([bench.time_s]), bench.time_s, bench.recorder)

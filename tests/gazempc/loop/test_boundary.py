@@ -1,4 +1,4 @@
-"""Whatever a part raises becomes an error that names its class; only Ctrl-C passes, which the main thread receives."""
+"""An exception of a part becomes an error that names its class; only Ctrl-C propagates, to the main thread."""
 
 import threading
 
@@ -20,7 +20,7 @@ def raised_at_the_boundary(error):
 
 
 @pytest.mark.parametrize("error", [ValueError("x"), SystemExit("x"), KeyboardInterrupt("x"), GeneratorExit("x")])
-def test_whatever_a_part_raises_in_a_thread_names_the_part(error):
+def test_an_exception_in_a_thread_names_its_part(error):
     found = []
     thread = threading.Thread(target=lambda: found.append(raised_at_the_boundary(error)))
     thread.start()
@@ -29,5 +29,5 @@ def test_whatever_a_part_raises_in_a_thread_names_the_part(error):
     assert "Part.plan()" in str(found[0])
 
 
-def test_an_interrupt_of_the_main_thread_passes():
+def test_an_interrupt_of_the_main_thread_propagates():
     assert isinstance(raised_at_the_boundary(KeyboardInterrupt()), KeyboardInterrupt)

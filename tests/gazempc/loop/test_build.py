@@ -1,4 +1,4 @@
-"""Predictor and controller of a run: by name, as objects, and one's own, which are tried out first."""
+"""Predictor and controller of a run: by name, as objects, and user-defined, which are tested first."""
 
 import numpy as np
 import pytest
@@ -21,14 +21,14 @@ def future(times_s):
 
 
 @pytest.mark.parametrize("name", [*PREDICTOR.shipped])
-def test_every_shipped_predictor_is_made_by_its_name(name):
+def test_every_shipped_predictor_is_built_by_name(name):
     made = make_predictor(name, SETTINGS, Person("somebody", future), {})
     assert name_of(PREDICTOR, made) == name
     assert check_predictor(made) is made
 
 
 @pytest.mark.parametrize("name", [*CONTROLLER.shipped])
-def test_every_shipped_controller_is_made_by_its_name(name):
+def test_every_shipped_controller_is_built_by_name(name):
     made = make_controller(name, NECK, SETTINGS, {})
     assert name_of(CONTROLLER, made) == name
     assert check_controller(made, NECK) is made
@@ -62,12 +62,12 @@ def test_the_settings_reach_the_predictor():
     assert spreads[1] > 10 * spreads[0]
 
 
-def test_perfect_needs_a_future():
+def test_the_perfect_predictor_requires_a_future():
     with pytest.raises(SettingsError, match="the true future is unknown"):
         make_predictor("perfect", SETTINGS, Person(), {})
 
 
-def test_an_object_is_tried_out_and_reset():
+def test_a_given_object_is_tested_and_reset():
     class Counting(gz.ConstantVelocity):
         updates = resets = 0
 
@@ -87,18 +87,18 @@ def test_an_object_is_tried_out_and_reset():
     shipped = gz.ConstantVelocity()
     shipped.update(gz.HeadObservation(0.0, np.array([2.0, 0.0, 0.3])))
     assert make_predictor(shipped, SETTINGS, Person(), {}) is shipped
-    # Reset: an observation of long before is the first one of a new track.
+    # After a reset an earlier observation starts a new track.
     shipped.update(gz.HeadObservation(-100.0, np.array([2.0, 0.0, 0.3])))
 
 
-def test_one_s_own_are_given_the_person_the_neck_and_their_options(own):
+def test_user_defined_parts_get_future_neck_and_options(own):
     predictor = make_predictor(f"{own}:Standing", SETTINGS, Person("anna", future), {"noise_m": "0.2", "gain": "1"})
     assert (predictor.person, predictor.noise_m) == ("anna", 0.2)
     assert make_controller(f"{own}:Eager", NECK, SETTINGS, {"noise_m": "0.2", "gain": "0.5"}).gain == 0.5
 
 
 def failing(method, how):
-    """A predictor one of whose methods raises, or answers something else."""
+    """A predictor with a method that raises or returns an invalid value."""
 
     class Failing(gz.ConstantVelocity):
         pass
@@ -116,7 +116,7 @@ def failing(method, how):
 
 
 @pytest.mark.parametrize(
-    ("method", "how", "said"),
+    ("method", "how", "message"),
     [
         ("reset", RuntimeError("broken"), r"RuntimeError: broken \(Failing.reset\(\)\)"),
         ("update", KeyError("x"), r"KeyError: .*Failing.update"),
@@ -134,13 +134,13 @@ def failing(method, how):
         ),
     ],
 )
-def test_a_fault_of_a_predictor_is_named(method, how, said):
-    with pytest.raises(SettingsError, match=f"predictor Failing: {said}"):
+def test_an_invalid_predictor_is_reported(method, how, message):
+    with pytest.raises(SettingsError, match=f"predictor Failing: {message}"):
         check_predictor(failing(method, how))
 
 
 @pytest.mark.parametrize(
-    ("method", "result", "said"),
+    ("method", "result", "message"),
     [
         ("forecast_times_s", np.zeros((2, 2)), r"shape \(2, 2\)"),
         ("forecast_times_s", np.array([np.nan]), "1 times, .* finite"),
@@ -148,16 +148,16 @@ def test_a_fault_of_a_predictor_is_named(method, how, said):
         ("plan", None, "NoneType, needed is a Plan"),
     ],
 )
-def test_a_fault_of_a_controller_is_named(method, result, said):
+def test_an_invalid_controller_is_reported(method, result, message):
     class Wrong(gz.Reactive):
         pass
 
     setattr(Wrong, method, lambda self, *arguments: result)
-    with pytest.raises(SettingsError, match=said):
+    with pytest.raises(SettingsError, match=message):
         check_controller(Wrong(NECK), NECK)
 
 
-def test_a_part_that_fails_during_the_warm_up_begins_the_run_without_its_trial():
+def test_a_part_that_fails_in_the_warm_up_is_reset_before_the_run():
     class Fails(ConstantVelocity):
         def forecast(self, times_s):
             raise RuntimeError("not yet")

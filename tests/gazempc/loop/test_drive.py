@@ -1,4 +1,4 @@
-"""The drive of joints that take speeds, alone and in a replay beside a joint that takes angles."""
+"""The drive of speed-driven joints, alone and in a replay beside an angle-driven joint."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_the_speed_is_the_derivative_and_leads_to_the_angle() -> None:
     np.testing.assert_allclose(led, 0.2 + 0.5 * H * (np.arange(10) + 0.5))
 
 
-def test_an_offset_is_taken_back_slowly_and_wholly() -> None:
+def test_an_offset_is_removed_slowly_and_completely() -> None:
     drive, gone = Drive(PTZ, np.zeros(2)), 0.0
     for k in range(1000):
         out = drive.outgoing((STILL, STILL), np.array([0.3, 0.0]))
@@ -45,15 +45,15 @@ def test_an_offset_is_taken_back_slowly_and_wholly() -> None:
     assert gone == pytest.approx(-0.3, abs=1e-6)
 
 
-def test_lost_speeds_are_not_taken_for_meant_ones() -> None:
+def test_lost_speed_commands_do_not_count_as_sent() -> None:
     drive = Drive(PTZ, np.zeros(2))
     drive.outgoing(((0.0, 1.0, 0.0), STILL), np.zeros(2))
-    drive.sent(np.array([0.7, 0.0]), got_through=False)  # an older speed goes on
+    drive.sent(np.array([0.7, 0.0]), got_through=False)  # an older speed stays in effect
     back = drive.outgoing((STILL, STILL), np.zeros(2))
     assert back[0] < 0.0
 
 
-def test_a_controller_sees_commands_that_count_from_where_the_joint_is() -> None:
+def test_commands_given_to_a_controller_start_at_the_joint_position() -> None:
     sent, offset = np.ones((3, 2)), np.array([0.1, 0.2])
     mixed = PTZ.model_copy(update={"tilt": PTZ.tilt.model_dump() | {"command": "position"}})
     commands, left = Drive(mixed, np.zeros(2)).seen_by_controllers(sent, offset)
@@ -61,7 +61,7 @@ def test_a_controller_sees_commands_that_count_from_where_the_joint_is() -> None
     np.testing.assert_allclose(left, [0.0, 0.2])
 
 
-def test_a_replay_moves_as_with_angles() -> None:
+def test_a_replay_with_speeds_equals_one_with_angles() -> None:
     speeds, angles = (
         replay_scene(Scene(WALK, taking(c), SENSOR), "mpc", "constant_velocity").log for c in ("velocity", "position")
     )
@@ -70,7 +70,7 @@ def test_a_replay_moves_as_with_angles() -> None:
     assert measure(speeds).limit_violations == 0
 
 
-def test_a_wrong_dead_time_makes_no_oscillation() -> None:
+def test_a_wrong_dead_time_causes_no_oscillation() -> None:
     wrong = taking("velocity", dead_time_s=1.3 * PTZ.pan.dead_time_s)
     right, off = (
         measure(replay_scene(Scene(WALK, PTZ, SENSOR, robot_neck=neck), "mpc", "constant_velocity").log)
@@ -80,7 +80,7 @@ def test_a_wrong_dead_time_makes_no_oscillation() -> None:
     assert off.gaze_error_rms_deg < right.gaze_error_rms_deg + 3.0
 
 
-def test_the_observer_lets_a_joint_that_was_pushed_stay_where_it_is() -> None:
+def test_the_observer_accepts_a_pushed_joint() -> None:
     observer = JointObserver(PTZ, np.zeros(2), 0.0)
     for k in range(1, 100):
         pushed_rad = np.array([0.5 if k > 10 else 0.0, 0.0])

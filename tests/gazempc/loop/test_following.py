@@ -1,4 +1,4 @@
-"""Joints that stand still although their commands move are found, and no others."""
+"""Detection of blocked joints, without false positives."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ EYE_PAN = NECK.joint_names.index("eye_pan")
 
 
 def watched(measured_of, seconds=4.0, frequency_hz=0.4, amplitude_rad=0.15):
-    """Joints held at each tick. All are sent a sine; `measured_of` makes readings of the servos' angles."""
+    """Blocked joints at each tick under sine commands; `measured_of` maps servo angles to readings."""
     watch, held = FollowingWatch(NECK), []
     servos = [DelayedServo(axis, 0.0, 0.0) for axis in NECK.axes]
     for tick in range(round(seconds / NECK.servo_period_s)):
@@ -42,11 +42,11 @@ def frozen(angles, joint):
 
 
 @pytest.mark.parametrize("joint", [0, EYE_PAN])
-def test_a_joint_that_stands_still_is_found_and_no_other(joint):
+def test_only_the_blocked_joint_is_detected(joint):
     assert watched(lambda _, angles: frozen(angles, joint))[-1] == (joint,)
 
 
-def test_it_is_found_within_a_second_and_found_well_again():
+def test_a_blocked_joint_is_detected_and_released_within_a_second():
     held = watched(lambda t, angles: frozen(angles, EYE_PAN) if 2.0 <= t < 3.5 else angles, seconds=6.0)
     at = [round(t / NECK.servo_period_s) for t in (1.9, 3.0, 5.0)]
     assert [held[tick] for tick in at] == [(), (EYE_PAN,), ()]
@@ -62,12 +62,12 @@ def test_it_is_found_within_a_second_and_found_well_again():
         pytest.param(lambda _, angles: angles * np.nan, id="NaN"),
     ],
 )
-def test_a_joint_that_moves_or_cannot_be_seen_is_not_held(measured_of):
+def test_moving_and_unmeasured_joints_are_not_blocked(measured_of):
     assert not any(watched(measured_of))
 
 
-def test_a_command_that_leaps_to_and_fro_moves_no_joint():
-    """As at the end of a large shift: within the servo's lag the command is back."""
+def test_a_command_pulse_within_the_lag_is_no_blocked_joint():
+    """As at the end of a large shift: the command returns within the servo's lag."""
     watch, servo, dead = FollowingWatch(NECK), DelayedServo(NECK.pan, 0.0, 0.0), np.zeros(NECK.joints)
     for tick in range(300):
         now_s = tick * NECK.servo_period_s
@@ -92,8 +92,8 @@ def test_the_event_names_the_joint():
 
 
 @pytest.mark.parametrize("still", [False, True])
-def test_a_camera_that_takes_speeds_is_watched_too(still):
-    """The angles that its speeds lead to are compared with its position answers."""
+def test_a_blocked_joint_with_speed_commands_is_detected(still):
+    """Integrated speeds are compared with the camera's position answers."""
 
     def reading(_, state):
         return JointState(state.time_s, frozen(state.position_rad, 0), state.velocity_rad_s) if still else state

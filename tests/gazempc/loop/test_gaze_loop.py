@@ -1,4 +1,4 @@
-"""The loop: order of stages, compute delays, and which frames it takes."""
+"""The loop: order of stages, compute delays, and accepted frames."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ from gazempc.types import Sighting
 from predictors import HeadObservation
 
 
-def test_undisturbed_it_tracks_and_names_nothing_but_the_start():
+def test_an_undisturbed_run_tracks_and_has_only_start_events():
     log = LoopBench().run(4.0)
     assert events(log) == {"no_observation_yet"}
     assert error_deg(log, from_s=1.5).mean() < 1.37  # 1.19 as measured
 
 
-def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():
+def test_a_lost_target_stops_the_gaze_then_returns_to_rest_until_reacquired():
     settings = LoopSettings(lost_after_s=1.0, rest_after_s=2.0, rest_speed_rad_s=0.3)
     log = LoopBench(settings=settings).run(9.0, seen=lambda t: t < 1.5 or t > 7.0)
     assert {"target_lost", "return_to_rest"} <= events(log)
@@ -35,7 +35,7 @@ def test_a_lost_target_stops_then_returns_to_rest_slowly_then_is_found_again():
     assert error_deg(log, from_s=8.3).mean() < 0.28  # 0.24 as measured
 
 
-def test_stale_future_and_out_of_order_frames_are_dropped_and_named():
+def test_stale_future_and_out_of_order_frames_are_dropped_with_events():
     aside_m = np.array([2.5, -2.0, 0.4])
     captured_s = {1.5: 1e6, 2.0: 1.0, 2.5: 2.2}
     extra = [Sighting(arrival_s, HeadObservation(at_s, aside_m)) for arrival_s, at_s in captured_s.items()]
@@ -45,7 +45,7 @@ def test_stale_future_and_out_of_order_frames_are_dropped_and_named():
     assert np.array_equal(with_faults.command_position_rad, LoopBench().run(3.0).command_position_rad)
 
 
-def test_a_late_frame_does_not_end_a_frozen_tracker():
+def test_a_late_frame_does_not_clear_the_frozen_state():
     def walks_then_frozen_m(time_s):
         return np.array([2.5, min(time_s, 1.0) - 0.5, 0.4])
 
@@ -54,8 +54,8 @@ def test_a_late_frame_does_not_end_a_frozen_tracker():
     assert events(log) == {"no_observation_yet", "tracker_frozen", "out_of_order"}
 
 
-def test_the_controller_gets_the_commands_received_and_its_plan_starts_at_its_time():
-    """With a compute delay of 30 ms: history, committed commands and the tick from which a plan is followed."""
+def test_the_controller_gets_committed_commands_and_plans_from_its_start_time():
+    """With a compute delay of 30 ms: history, committed commands and the plan's first tick."""
     seen = []
 
     class Spy(LookAhead):
@@ -74,17 +74,17 @@ def test_the_controller_gets_the_commands_received_and_its_plan_starts_at_its_ti
         assert times[now] == pytest.approx(start_s - 0.03)
         np.testing.assert_array_equal(sent, commands[now - len(sent) : now] if now >= len(sent) else sent)
         np.testing.assert_allclose(sent[-1], commands[now - 1])
-        # What is said to come until then is what the plan before asks for; the smoother is within one step of it.
+        # The committed commands are those of the previous plan; the smoother is within one step of it.
         np.testing.assert_allclose(committed, commands[now : now + 3], atol=1.1e-3)
-    # The first plan asks for 1 mrad; the command must begin to move on the very tick for which it was made.
+    # The first plan moves by 1 mrad; the command must start on the tick for which it was made.
     first = round(seen[0][0] / TS)
     assert np.all(commands[:first] == 0)
     assert commands[first, 0] > 0
 
 
 @pytest.mark.parametrize(("controller", "delay_s"), [(LookAhead, 0.05), (Mpc, 0.015)])
-def test_compute_delay_is_planned_for(controller, delay_s):
-    """A plan that takes effect late, by less or more than a control period, is made for that time."""
+def test_a_plan_is_made_for_its_effective_time(controller, delay_s):
+    """A plan delayed by less or more than a control period is computed for its effective time."""
     prompt = LoopBench(controller=controller(NECK)).run(4.0)
     delayed = LoopBench(controller=controller(NECK), settings=LoopSettings(compute_delay_s=delay_s)).run(4.0)
     assert error_deg(delayed, from_s=1.5).mean() < error_deg(prompt, from_s=1.5).mean() + 0.25
@@ -94,8 +94,8 @@ def test_compute_delay_is_planned_for(controller, delay_s):
 @pytest.mark.slow
 @settings(max_examples=3, deadline=None)
 @given(nearest_m=st.floats(0.4, 2.0), speed_rad_s=st.floats(0.1, 1.0), rate=st.floats(1.0, 4.0))
-def test_while_a_head_is_near_no_joint_is_commanded_faster(nearest_m, speed_rad_s, rate):
-    """A person sways fast at 2.5 m, comes near and goes; within the distance only braking is faster than the limit."""
+def test_a_near_head_limits_joint_speed(nearest_m, speed_rad_s, rate):
+    """A person sways fast at 2.5 m, comes near and leaves; near, only braking exceeds the speed limit."""
 
     def head_m(time_s):
         away_m = 2.5 - (2.5 - nearest_m) * np.clip(min(time_s - 2.0, 6.0 - time_s), 0.0, 1.0)

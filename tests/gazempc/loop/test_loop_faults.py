@@ -1,4 +1,4 @@
-"""The loop when solver, controller, predictor or robot fail: named, within limits, and the gaze back after it."""
+"""The loop under failures of solver, controller, predictor or robot: events, limits, recovery of the gaze."""
 
 import dataclasses
 
@@ -49,13 +49,13 @@ class FailingController:
     ],
 )
 def test_a_short_solver_failure_is_bridged_by_the_last_plan(how, event):
-    """0.2 s without a plan: the rest of the last one is followed, and the gaze hardly notices."""
+    """0.2 s without a plan: the last plan is continued with little error."""
     log = LoopBench(controller=FailingController(how, 2.0, 2.2)).run(4.0)
     assert events(log) == {"no_observation_yet", event}
     assert error_deg(log, from_s=2.5).max() < 1.4  # 1.21 as measured
 
 
-def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
+def test_a_long_solver_failure_stops_the_neck_until_recovery():
     log = LoopBench(controller=FailingController("error", 2.0, 4.0)).run(7.0)
     assert {"controller_failed", "stale_plan"} <= events(log)
     standing = log.command_position_rad[int(3.0 / TS) : int(3.9 / TS)]
@@ -63,8 +63,8 @@ def test_a_long_solver_failure_stops_the_neck_and_the_gaze_recovers():
     assert error_deg(log, from_s=5.5).mean() < 1.25  # 1.07 as measured
 
 
-def test_where_no_motion_to_the_plan_is_found_the_smoother_stops_the_neck_and_names_it(monkeypatch):
-    """Ruckig finds none for half a second: the neck stands within the time of a stop, and follows again."""
+def test_a_failed_trajectory_stops_the_neck_and_is_an_event(monkeypatch):
+    """Ruckig fails for half a second: the neck stops within its stopping time, and tracks again."""
     clock_s = [0.0]
 
     class NoWay(ruckig.Ruckig):
@@ -85,8 +85,8 @@ def test_where_no_motion_to_the_plan_is_found_the_smoother_stops_the_neck_and_na
     assert error_deg(log, from_s=3.2).mean() < 1.37
 
 
-def test_where_the_solver_gives_up_the_smoother_keeps_the_limits():
-    """The person jumps aside, which is believed after 0.75 s. Then limits bind, and the solver may not iterate."""
+def test_after_a_solver_failure_the_smoother_keeps_the_limits():
+    """A lateral jump, accepted after 0.75 s, activates limits while the solver may not iterate."""
 
     class Sabotaged(Mpc):
         def __init__(self, neck):
@@ -104,7 +104,7 @@ def test_where_the_solver_gives_up_the_smoother_keeps_the_limits():
 
 
 @pytest.mark.parametrize("how", ["raises", "NaN"])
-def test_a_predictor_that_fails_is_not_followed_and_the_gaze_recovers(how):
+def test_forecasts_of_a_failing_predictor_are_not_used_and_the_gaze_recovers(how):
     class Failing(ConstantVelocity):
         def forecast(self, times_s):
             forecast = super().forecast(times_s)
@@ -121,7 +121,7 @@ def test_a_predictor_that_fails_is_not_followed_and_the_gaze_recovers(how):
 
 
 def unplugged(start_s, stop_s):
-    """A robot that does not answer for a while, whatever it is asked."""
+    """A robot that raises at every call for a while."""
 
     def gone(now_s, state=None):
         if start_s <= now_s < stop_s:
@@ -131,8 +131,8 @@ def unplugged(start_s, stop_s):
     return gone
 
 
-def test_after_silence_the_robot_gets_no_jump_and_the_gaze_recovers():
-    """Whether it stood still or moved on meanwhile: the command brakes, and returns to the last acknowledged one."""
+def test_after_robot_silence_commands_have_no_jump_and_the_gaze_recovers():
+    """Standing or moving meanwhile: the command brakes, and returns to the last acknowledged one."""
     gone = unplugged(2.0, 2.6)
     bench = LoopBench(on_read=gone, on_send=gone)
     log = bench.run(6.0, answering=False)
@@ -149,7 +149,7 @@ def test_after_silence_the_robot_gets_no_jump_and_the_gaze_recovers():
 
 
 class Losing:
-    """A robot that does not acknowledge some commands: it answers nothing, or raises before or after it moves."""
+    """A robot that does not acknowledge some commands: no answer, or an error before or after the motion."""
 
     def __init__(self, clock, lost, how):
         self.inner, self.lost, self.how, self.handed = SimulatedNeck(NECK, np.zeros(2), clock.now_s), lost, how, []
@@ -178,8 +178,8 @@ def fast_walk_m(time_s):
     runs=st.lists(st.tuples(st.integers(1, 60), st.integers(1, 40)), min_size=1, max_size=12),
     how=st.sampled_from(["returns nothing", "raises before", "raises after"]),
 )
-def test_commands_that_may_have_been_executed_are_one_motion_within_limits(runs, how):
-    """Any pattern of lost acknowledgements: `runs` are ticks that get through, then ticks that do not."""
+def test_possibly_executed_commands_form_one_motion_within_limits(runs, how):
+    """Any pattern of lost acknowledgements: `runs` are alternating counts of acknowledged and lost ticks."""
     bench = LoopBench(head_m=fast_walk_m)
     lost = [False] * 100 + [gone for well, ill in runs for gone in [False] * well + [True] * ill]
     robot = Losing(bench.clock, lost, how)
@@ -190,7 +190,7 @@ def test_commands_that_may_have_been_executed_are_one_motion_within_limits(runs,
     assert np.abs(log.command_velocity_rad_s).max() > 0.3
 
 
-def test_a_robot_that_raises_system_errors_or_answers_nonsense_is_a_robot_that_does_not_answer():
+def test_system_errors_and_invalid_readings_count_as_robot_silence():
     def flaky(now_s):
         if 1.0 <= now_s < 1.1:
             raise TimeoutError("serial line")
@@ -208,7 +208,7 @@ def not_a_number(now_s, state):
 @pytest.mark.parametrize(
     ("on_read", "event"), [(unplugged(1.5, 3.5), "robot_not_answering"), (not_a_number, "joint_reading_refused")]
 )
-def test_joints_without_readings_are_known_from_the_commands(on_read, event):
+def test_joints_without_readings_are_predicted_from_commands(on_read, event):
     log, undisturbed = (
         LoopBench(controller=Mpc(NECK, horizon_s=0.3), **faults).run(4.0) for faults in ({"on_read": on_read}, {})
     )

@@ -1,4 +1,4 @@
-"""The joint observer against a plant whose truth is known."""
+"""The joint observer against a known plant."""
 
 import control
 import numpy as np
@@ -24,7 +24,7 @@ def variant(**of_both_axes):
 
 
 def follow(plant, seconds, model=NECK, age_s=0.0, stamped=True, seen=lambda t: True):
-    """Drive a neck to and fro; returns estimates and truth at each tick, and the offset in the end."""
+    """Drive a neck to and fro; returns estimates and truth at each tick, and the final offset."""
     now = 0.0
     robot = SimulatedNeck(plant, np.zeros(2), lambda: now, seed=1)
     robot.connect()
@@ -48,28 +48,28 @@ def follow(plant, seconds, model=NECK, age_s=0.0, stamped=True, seen=lambda t: T
 
 @pytest.mark.parametrize("dead_time_s", [0.0, 0.0131, 0.4, 0.4023])
 @pytest.mark.parametrize("reports", [True, False])
-def test_a_neck_that_is_as_modelled_is_known_exactly_with_or_without_encoders(dead_time_s, reports):
+def test_with_an_exact_model_the_estimate_is_exact(dead_time_s, reports):
     neck = variant(dead_time_s=dead_time_s).model_copy(update={"reports_joints": reports})
     estimates, truth, offset = follow(neck, 2.0, model=neck)
     assert estimates == pytest.approx(truth, abs=1e-9)
     assert offset == pytest.approx([0, 0], abs=1e-9)
 
 
-def test_a_load_is_learned_within_a_few_response_times():
+def test_a_load_is_estimated_within_a_few_response_times():
     estimates, truth, offset = follow(variant(load_offset_deg=2.0), 9.0)
     assert np.rad2deg(offset) == pytest.approx([2.0, 2.0], abs=0.05)
     assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.0047  # 0.0041 as measured
 
 
-def test_noise_of_the_encoders_is_averaged():
+def test_encoder_noise_is_filtered():
     estimates, truth, _ = follow(variant(encoder_noise_deg=0.2), 10.0)
     error_deg = np.rad2deg(estimates - truth)[400:, 0]
     assert error_deg.std() < 0.05  # 0.0435 as measured, of 0.2
     assert np.abs(error_deg.mean()) < 0.01
 
 
-def test_an_old_measurement_is_taken_for_the_time_that_it_is_stamped_with():
-    """With 40 ms of age and a load: by its stamp nothing is lost; taken for new, it is a phantom load."""
+def test_a_delayed_measurement_is_used_at_its_stamp():
+    """With a delay of 40 ms and a load: used at its stamp it is exact; used as new it gives a spurious load."""
     plant = variant(load_offset_deg=1.0)
     estimates, truth, _ = follow(plant, 9.0, age_s=0.04)
     assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.1
@@ -79,8 +79,8 @@ def test_an_old_measurement_is_taken_for_the_time_that_it_is_stamped_with():
 
 @pytest.mark.parametrize("name", ["reference", "slow"])
 @pytest.mark.parametrize("age_s", [0.0825, 0.24])
-def test_an_error_is_corrected_once_however_old_the_measurements(name, age_s):
-    """Corrected again by each measurement that is as old, it would grow without bound."""
+def test_delayed_measurements_correct_an_error_once(name, age_s):
+    """Corrected repeatedly by delayed measurements, the estimate would diverge."""
     neck = load_neck(name)
     content = neck.model_dump()
     for axis in ("pan", "tilt"):
@@ -89,7 +89,7 @@ def test_an_error_is_corrected_once_however_old_the_measurements(name, age_s):
     assert np.rad2deg(np.abs(estimates - truth)[-400:, 0]).max() < 0.09  # at most 0.077 as measured
 
 
-def test_a_start_away_from_the_command_is_no_load():
+def test_an_initial_offset_is_not_estimated_as_load():
     observer = JointObserver(NECK, np.zeros(2), 0.0)
     for k in range(60):
         observer.update(k * TS, JointState(k * TS, np.full(2, 0.5), np.zeros(2)))
@@ -99,7 +99,7 @@ def test_a_start_away_from_the_command_is_no_load():
     assert estimate.offset_rad == pytest.approx([0, 0], abs=1e-9)
 
 
-def test_a_glitch_is_refused_and_a_push_is_believed_after_a_while():
+def test_an_outlier_is_refused_and_a_lasting_push_is_accepted():
     observer = JointObserver(NECK, np.zeros(2), 0.0)
     for k in range(100):
         observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
@@ -113,7 +113,7 @@ def test_a_glitch_is_refused_and_a_push_is_believed_after_a_while():
     assert pushed.position_rad == pytest.approx([1, 1], abs=0.15)
 
 
-def test_a_blocked_joint_is_no_load_without_bound():
+def test_the_load_estimate_of_a_blocked_joint_is_bounded():
     observer = JointObserver(NECK, np.zeros(2), 0.0)
     for k in range(4000):
         observer.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
@@ -127,7 +127,7 @@ def test_a_blocked_joint_is_no_load_without_bound():
     [
         JointState(0.5, np.array([np.nan, 0.0]), np.zeros(2)),
         JointState(0.5, np.array([1e300, 0.0]), np.zeros(2)),
-        JointState(0.496, np.ones(2), np.zeros(2)),  # far from where it can be
+        JointState(0.496, np.ones(2), np.zeros(2)),  # beyond its physical range
         JointState(0.7, np.ones(2), np.zeros(2)),  # from the future
     ],
 )
@@ -138,14 +138,14 @@ def test_an_implausible_measurement_is_refused_and_changes_nothing(bad):
         untouched.update(k * TS, JointState(k * TS, np.zeros(2), np.zeros(2)))
     observer.update(0.5, bad)
     untouched.update(0.5, None)
-    got, wanted = observer.estimate, untouched.estimate
+    got, reference = observer.estimate, untouched.estimate
     assert observer.refused
     assert not untouched.refused
-    assert np.array_equal(got.position_rad, wanted.position_rad)
-    assert np.array_equal(got.offset_rad, wanted.offset_rad)
+    assert np.array_equal(got.position_rad, reference.position_rad)
+    assert np.array_equal(got.offset_rad, reference.offset_rad)
 
 
-def test_the_same_measurement_counts_once():
+def test_a_repeated_measurement_counts_once():
     observer = JointObserver(NECK, np.zeros(2), 0.0)
     observer.update(0.0, JointState(0.0, np.zeros(2), np.zeros(2)))
     measured = JointState(TS, np.full(2, 0.1), np.zeros(2))
@@ -166,7 +166,7 @@ def test_the_same_measurement_counts_once():
     st.sampled_from([0.001, 0.005, 0.02]),
 )
 def test_the_observer_is_stable(natural_frequency_rad_s, damping_ratio, dead_time_s, period_s):
-    """Eigenvalues of the error's dynamics are inside the unit circle, for slow and quick joints."""
+    """Eigenvalues of the error dynamics are inside the unit circle, for slow and fast joints."""
     axis = Axis.model_validate(
         NECK.pan.model_dump()
         | {
@@ -184,7 +184,7 @@ def test_the_observer_is_stable(natural_frequency_rad_s, damping_ratio, dead_tim
 
 
 @pytest.mark.parametrize("name", neck_names())
-def test_the_gain_is_that_of_another_library(name: str) -> None:
+def test_the_gain_equals_that_of_python_control(name: str) -> None:
     """The stationary Kalman gain as python-control computes it from the same noises."""
     neck = load_neck(name)
     for axis in neck.axes:

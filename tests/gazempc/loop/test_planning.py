@@ -24,7 +24,7 @@ from gazempc.types import Sighting
 from predictors import ConstantVelocity, HeadObservation
 
 
-def test_the_background_planner_takes_one_request_at_a_time_and_answers_all():
+def test_the_background_planner_has_one_pending_request_and_answers_all():
     gate = threading.Semaphore(0)
 
     class Gated:
@@ -53,7 +53,7 @@ SLOW_S = 0.03
 
 
 class SlowLater(ConstantVelocity):
-    """Forecasts for a plan are slow from the second one on."""
+    """Forecasts are slow from the second plan on."""
 
     plans = 0
 
@@ -65,7 +65,7 @@ class SlowLater(ConstantVelocity):
         return super().forecast(times_s)
 
 
-def test_the_computing_time_of_a_plan_is_that_of_its_own_forecast():
+def test_the_computing_time_of_a_plan_includes_its_own_forecast():
     predictor, recorder, controller = SlowLater(), make_recorder(), Reactive(NECK)
     controller.forecast_times_s = lambda start_s, newest_s: start_s + 0.01 * np.arange(8)
     controller.plan = lambda situation: Reactive(NECK).plan(situation)
@@ -85,25 +85,25 @@ DELAY_TICKS = 6
 DELAYED = LoopSettings(compute_delay_s=DELAY_TICKS * TS)
 
 
-class Told(Mpc):
-    """The MPC, which keeps what it was told of the commands before its plan."""
+class RecordingMpc(Mpc):
+    """An MPC that records the commands committed before its plan."""
 
     def __init__(self, neck):
         super().__init__(neck)
-        self.told = []
+        self.recorded = []
 
     def plan(self, situation):
-        self.told.append((situation.start_s, situation.committed_rad.copy(), situation.command.position_rad.copy()))
+        self.recorded.append((situation.start_s, situation.committed_rad.copy(), situation.command.position_rad.copy()))
         return super().plan(situation)
 
 
-def test_committed_commands_are_those_that_are_sent():
-    """Also from the tick on at which a plan takes effect that still waits at the request."""
-    controller = Told(NECK)
+def test_committed_commands_equal_those_sent():
+    """Also from the tick at which a plan pending at the request takes effect."""
+    controller = RecordingMpc(NECK)
     log = LoopBench(controller=controller, settings=DELAYED).run(3.0)
-    told = [each for each in controller.told if 1.0 < each[0] < 2.9]
-    assert len(told) > 80
-    for start_s, committed_rad, command_rad in told:
+    recorded = [each for each in controller.recorded if 1.0 < each[0] < 2.9]
+    assert len(recorded) > 80
+    for start_s, committed_rad, command_rad in recorded:
         start = round(start_s / TS)
         sent_rad = log.command_position_rad[start - DELAY_TICKS : start]
         np.testing.assert_allclose(committed_rad, sent_rad, atol=1e-7)
@@ -112,7 +112,7 @@ def test_committed_commands_are_those_that_are_sent():
 
 
 class Slow(ImmediatePlanner):
-    """Hands each answer on some ticks after the request."""
+    """A planner that delays each answer by some ticks."""
 
     def __init__(self, controller, clock, ticks):
         super().__init__(controller)
@@ -128,8 +128,8 @@ class Slow(ImmediatePlanner):
 
 
 @pytest.mark.parametrize("late_ticks", [16, 24])
-def test_a_plan_from_before_a_silence_of_the_robot_never_takes_effect(late_ticks):
-    """The robot is silent for 50 ms. Plans requested before go on from commands that it may not have executed."""
+def test_a_plan_requested_before_robot_silence_is_discarded(late_ticks):
+    """The robot is silent for 50 ms. Plans requested before start from commands that may not have been executed."""
     silent_s = (1.0, 1.05)
 
     def on_send(now_s):

@@ -1,4 +1,4 @@
-"""A place that outranks people: its path against the limits that were asked for, and a run that points."""
+"""Pointing at a place: the path against its requested limits, and a run."""
 
 import time
 
@@ -20,7 +20,7 @@ SPEED = st.floats(0.05, 3.0)
 
 
 @given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), SPEED, st.floats(0.0, 4.0))
-def test_a_path_keeps_speed_and_duration_and_ends_at_the_place(at_m, speed_rad_s, lasts_s):
+def test_a_path_keeps_speed_and_duration_and_ends_at_the_point(at_m, speed_rad_s, lasts_s):
     target_m = np.array(at_m) + np.array([0.0, 0.0, 7.0])
     forward = np.array([1.0, 0.0, 0.0])
     place = Place.reached(target_m, np.zeros(3), forward, 2.0, lasts_s, speed_rad_s)
@@ -35,18 +35,18 @@ def test_a_path_keeps_speed_and_duration_and_ends_at_the_place(at_m, speed_rad_s
 
 
 @pytest.mark.parametrize("ahead_m", [2.0, -2.0])
-def test_a_path_begins_where_the_gaze_is_straight_ahead_and_straight_behind(ahead_m):
+def test_a_path_to_a_point_ahead_or_behind_begins_at_the_gaze(ahead_m):
     forward, target_m = np.array([1.0, 0.0, 0.0]), np.array([ahead_m, 0.0, 0.0])
     seen = Place.reached(target_m, np.zeros(3), forward, 2.0, 1.0, np.inf).at(np.array([2.0, 3.0]))
     np.testing.assert_allclose(seen, [2.0 * forward, target_m], atol=1e-9)
 
 
 @pytest.mark.slow
-def test_a_place_outranks_a_person_until_it_is_withdrawn():
+def test_a_point_has_priority_over_people_until_withdrawn():
     neck = gz.load_neck("reference")
     place_m, head_m = np.array([1.0, 0.6, -0.2]), np.array([2.0, -0.5, 0.3])
     with gz.Gaze("reference", "simulated", predictor="constant_velocity") as gaze:
-        gaze.point(place_m)  # before anyone is seen
+        gaze.point(place_m)  # before the first observation
 
         def looks_at(target_m):
             gaze.see(time.time() - 0.03, head_m + 0.001 * np.sin(50.0 * time.time()))
@@ -63,7 +63,7 @@ def test_a_place_outranks_a_person_until_it_is_withdrawn():
     assert gz.measure(gaze.log()).limit_violations == 0
 
 
-def test_a_person_who_was_chosen_outranks_the_policy():
+def test_a_chosen_person_has_priority_over_the_policy():
     class First:
         def reset(self):
             pass

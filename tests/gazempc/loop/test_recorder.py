@@ -1,4 +1,4 @@
-"""The recorder: an event that lasts is written once; columns are one array of all rows, whatever the pieces."""
+"""The recorder: lasting events are recorded once; columns are one array of all chunks."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from gazempc.loop.columns import JointColumns
 from gazempc.types import JointState
 
 
-def test_an_event_that_lasts_is_written_once():
+def test_a_lasting_event_is_recorded_once():
     recorder = make_recorder()
     for k in range(100):
         recorder.event(k * NECK.control_period_s, "stale_plan")

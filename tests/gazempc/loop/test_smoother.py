@@ -1,4 +1,4 @@
-"""The smoother: follows plans exactly, never leaves the limits, stops when the plan ends."""
+"""The smoother: exact tracking of plans, limits, braking at the end of a plan."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def assert_within_limits(positions, first):
 
 
 def feasible_plan(seed, steps=40, share=0.99):
-    """A plan within the limits, from random jerks that a simple rule keeps away from them."""
+    """A plan within the limits, from random jerks with a simple margin rule."""
     rng = np.random.default_rng(seed)
     h = NECK.control_period_s
     p, v, a = np.zeros(2), np.zeros(2), np.zeros(2)
@@ -48,10 +48,10 @@ def test_a_feasible_plan_is_followed_exactly(seed):
     smoother = Smoother(NECK, np.zeros(2))
     ticks = 4 * 39
     followed = roll(smoother, plan, ticks)
-    wanted = np.array([plan.at(k * TS).position_rad for k in range(ticks)])
-    inside = np.all((wanted > LIMITS.position_min_rad + 0.3) & (wanted < LIMITS.position_max_rad - 0.3), axis=1)
+    planned = np.array([plan.at(k * TS).position_rad for k in range(ticks)])
+    inside = np.all((planned > LIMITS.position_min_rad + 0.3) & (planned < LIMITS.position_max_rad - 0.3), axis=1)
     until = ticks if inside.all() else int(np.argmin(inside))
-    assert np.rad2deg(np.abs(followed - wanted)[:until]).max(initial=0) < 1e-3
+    assert np.rad2deg(np.abs(followed - planned)[:until]).max(initial=0) < 1e-3
     assert_within_limits(followed, np.zeros(2))
 
 
@@ -80,22 +80,22 @@ def test_the_command_stays_within_limits_for_all_plans(targets):
     assert_within_limits(np.vstack(positions), np.zeros(2))
 
 
-def test_a_moving_target_is_met_and_then_followed_without_lag():
-    """A ramp that starts 10 deg away is caught; after that the command is on it."""
+def test_a_ramp_is_caught_and_followed_without_lag():
+    """A ramp that starts 10 deg away is caught, then tracked exactly."""
     smoother = Smoother(NECK, np.zeros(2))
     speed = 0.4
     times = np.arange(0, 2.0, 0.02)
     p = np.stack([0.17 + speed * times, np.zeros_like(times)], axis=1)
     plan = Plan(0.0, 0.02, p, np.tile([speed, 0.0], (times.size, 1)), np.zeros_like(p))
     followed = roll(smoother, plan, 300)
-    wanted = np.array([plan.at(k * TS).position_rad for k in range(300)])
-    error_deg = np.rad2deg(np.abs(followed - wanted)[:, 0])
+    planned = np.array([plan.at(k * TS).position_rad for k in range(300)])
+    error_deg = np.rad2deg(np.abs(followed - planned)[:, 0])
     assert error_deg[-1] < 1e-6
     caught_s = np.argmax(error_deg < 0.01) * TS
     assert caught_s < 0.4
 
 
-def test_a_plan_that_has_ended_is_stopped_not_coasted():
+def test_the_command_brakes_after_the_end_of_a_plan():
     smoother = Smoother(NECK, np.zeros(2))
     plan = Plan(0.0, 0.02, np.array([[0.0, 0.0], [0.02, 0.0]]), np.full((2, 2), [1.0, 0.0]), np.zeros((2, 2)))
     roll(smoother, plan, 8)
@@ -109,8 +109,8 @@ def test_a_plan_that_has_ended_is_stopped_not_coasted():
 
 @pytest.mark.parametrize("region_deg", [(30.0, 60.0, -10.0, 20.0), (-60.0, -30.0, 5.0, 15.0), (-30.0, 30.0, -9.0, 9.0)])
 @pytest.mark.parametrize("at_max", [False, True])
-def test_a_command_at_the_end_of_its_range_leaves_it_wherever_the_range_lies(region_deg, at_max):
-    """A range without 0 is one, too: a neck that starts at the edge of its gaze region does not stay there."""
+def test_a_command_leaves_the_end_of_a_range_without_zero(region_deg, at_max):
+    """Also a range without 0: a neck that starts at the edge of its gaze region leaves it."""
     neck = narrowed(NECK, region_deg, None)
     ends = neck.command_limits.position_min_rad, neck.command_limits.position_max_rad
     start, middle = ends[at_max], sum(ends) / 2.0
@@ -124,13 +124,13 @@ def test_a_command_at_the_end_of_its_range_leaves_it_wherever_the_range_lies(reg
         assert np.all((positions >= ends[0] - 1e-9) & (positions <= ends[1] + 1e-9))
 
 
-def test_no_plan_means_stop_and_a_start_outside_is_clipped():
+def test_without_a_plan_the_command_stops_and_starts_are_clipped():
     smoother = Smoother(NECK, np.array([9.0, -9.0]))
     start = np.array([LIMITS.position_max_rad[0], LIMITS.position_min_rad[1]])
     assert smoother.step(0.0, None) == pytest.approx(start)
 
 
-def test_time_to_a_step_is_that_of_the_closed_form():
+def test_the_duration_of_a_step_equals_the_closed_form():
     """Rest to rest over 1 rad at v, a, j limits takes 1/v + v/a + a/j; the command must arrive on that tick."""
     smoother = Smoother(NECK, np.zeros(2))
     plan = Plan(0.0, np.inf, np.array([[1.0, 0.0]]), np.zeros((1, 2)), np.zeros((1, 2)))
@@ -141,8 +141,8 @@ def test_time_to_a_step_is_that_of_the_closed_form():
 
 
 @given(seed=st.integers(0, 10_000))
-def test_a_plan_that_ends_at_full_acceleration_is_not_followed_over_the_speed_limit(seed):
-    """Each plan speeds up to just below the limit and ends: there must be room to end its acceleration."""
+def test_a_plan_ending_at_full_acceleration_keeps_the_speed_limit(seed):
+    """Each plan accelerates to just below the limit and ends: ending the acceleration needs a margin."""
     rng = np.random.default_rng(seed)
     h, fast, hard = NECK.control_period_s, LIMITS.velocity_max_rad_s, LIMITS.acceleration_max_rad_s2
     knots = [(np.zeros(2), np.zeros(2), np.zeros(2))]

@@ -1,4 +1,4 @@
-"""Margins of the linear loop: against the simulated loop, python-control and figures measured by others."""
+"""Margins of the linear loop: against the simulated loop, python-control and independent measurements."""
 
 import math
 
@@ -25,13 +25,13 @@ def weak(neck="reference"):
 
 
 def predicted(neck, error, ticks):
-    """The pan at each control period by the linear loop: all begins at the start, the person is at 0."""
+    """The pan at each control period by the linear loop, from an initial offset, target 0."""
     loop = LinearLoop(Mpc(neck), 0, error)
     x = np.zeros(loop.size)
     x[[0, 2, 5]] = START_RAD
     x[9:] = START_RAD
     found = []
-    # A gain scales what the joint follows from the start on: it stands elsewhere than its command.
+    # A gain scales the joint's input from the start on: the joint is not at its command.
     for _ in range(ticks):
         found.append(x[0])
         x = loop.transition() @ x
@@ -39,13 +39,13 @@ def predicted(neck, error, ticks):
 
 
 @pytest.mark.parametrize(
-    # Of a speed that is held the linear loop has the mean over the period.
+    # The linear loop has the mean of a held speed over the period.
     ("name", "tolerance_rad"),
     [("reachy_mini", 1e-12), ("ptz", 2e-3 * START_RAD)],
 )
 @pytest.mark.parametrize("error", [e for e in ERRORS if e.gain == 1.0])
-def test_the_linear_loop_moves_as_the_simulated_one(name, tolerance_rad, error):
-    """Controller, observer, smoother and simulated neck as they are, from 0.05 deg off, where no limit binds."""
+def test_the_linear_loop_equals_the_simulated_loop(name, tolerance_rad, error):
+    """Unmodified controller, observer, smoother and simulated neck, from 0.05 deg, without active limits."""
     neck = load_neck(name)
     periods = 50
     pan_rad = swing.simulate(neck, error, periods * neck.control_period_s)
@@ -58,7 +58,7 @@ def test_the_linear_loop_moves_as_the_simulated_one(name, tolerance_rad, error):
     ("name", "gain", "at_hz", "delay_s", "peak"),
     [("reference", 6.2, 0.52, 2.8, 1.23), ("reachy_mini", 4.2, 1.85, 0.36, 1.45)],
 )
-def test_margins_are_those_measured_by_others(name, gain, at_hz, delay_s, peak):
+def test_margins_equal_an_independent_measurement(name, gain, at_hz, delay_s, peak):
     """Measured on the running loop by frequency response."""
     pan, tilt = margins(Mpc(load_neck(name), smoothing_time_s=0.12))
     assert (pan.joint, tilt.joint) == ("pan", "tilt")
@@ -69,8 +69,8 @@ def test_margins_are_those_measured_by_others(name, gain, at_hz, delay_s, peak):
 
 
 @pytest.mark.parametrize("name", ["reachy_mini", "pr2"])
-def test_at_the_margins_the_loop_becomes_unstable(name):
-    """By the eigenvalues of the periodic loop, which owe nothing to the frequency response."""
+def test_the_loop_is_unstable_beyond_its_margins(name):
+    """By the eigenvalues of the periodic loop, independent of the frequency response."""
     mpc = Mpc(load_neck(name))
     pan = margins(mpc)[0]
 
@@ -86,8 +86,8 @@ def test_at_the_margins_the_loop_becomes_unstable(name):
         assert radius(frequency=1.02 * slowest) < 1.0 < radius(frequency=0.98 * slowest)
 
 
-def test_the_disk_margin_is_that_of_python_control():
-    """With one servo period a plan the loop is not periodic, and python-control takes it as it is."""
+def test_the_disk_margin_equals_that_of_python_control():
+    """With one servo period per plan the loop is time-invariant, as python-control requires."""
     neck = load_neck("reachy_mini").model_copy(update={"servo_rate_hz": 50.0, "control_rate_hz": 50.0})
     mpc = Mpc(neck)
     pan = margins(mpc)[0]
@@ -99,8 +99,8 @@ def test_the_disk_margin_is_that_of_python_control():
 
 
 @pytest.mark.slow
-def test_a_simulated_neck_begins_to_swing_there():
-    """It swings at 1.07 times the margin, and comes to rest at 0.93 times."""
+def test_a_simulated_neck_oscillates_beyond_the_margin():
+    """It oscillates at 1.07 times the margin, and settles at 0.93 times."""
     neck = load_neck("reachy_mini")
     pan = margins(Mpc(neck))[0]
     crossing_s = 2.0 * math.pi / (math.radians(pan.phase_deg) / pan.delay_s)
@@ -113,7 +113,7 @@ def test_a_simulated_neck_begins_to_swing_there():
 
 
 @pytest.mark.parametrize("name", neck_names())
-def test_shipped_necks_leave_margins(name):
+def test_shipped_necks_have_sufficient_margins(name):
     mpc = Mpc(load_neck(name))
     assert too_small(mpc) == []
     loop = LinearLoop(mpc, 0)
@@ -121,13 +121,13 @@ def test_shipped_necks_leave_margins(name):
     assert distance > LEAST_DISTANCE
 
 
-def test_a_weak_servo_is_warned_of():
+def test_a_soft_servo_gives_a_warning():
     (warning,) = too_small(Mpc(weak()))
     assert warning.startswith("neck 'weak': pan: peak sensitivity")
 
 
-def test_a_dead_time_that_is_nearly_too_long_is_warned_of():
-    """A controller that follows quicker than the servo: it swings at less than two plans more."""
+def test_a_small_delay_margin_gives_a_warning():
+    """A controller faster than the servo: a delay of less than two plans destabilises it."""
     neck = load_neck("reachy_mini")
     quick = neck.model_copy(update={"pan": neck.pan.model_copy(update={"dead_time_s": 0.0, "damping_ratio": 0.2})})
     assert any(too_small(Mpc(quick, smoothing_time_s=T)) for T in (0.12, 0.01))
@@ -143,7 +143,7 @@ def test_the_command_prints_margins_and_draws(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_run_and_live_warn(tmp_path, capsys):
+def test_replay_and_live_warn_of_small_margins(tmp_path, capsys):
     neck = tmp_path / "weak.toml"
     neck.write_text(as_toml(weak().model_dump(exclude_none=True)), encoding="utf-8")
     common = ["--replay", "subject03_R4", "--predictor", "constant_velocity", "--no-figures", "--neck", str(neck)]

@@ -21,7 +21,7 @@ OFFSET = Geometry(tilt_axis_in_pan_m=(0.07, -0.03, 0.05), eye_in_tilt_m=(0.04, 0
 
 
 def metres(limit_m):
-    """Points on a grid of a tenth of a millimetre, zero included."""
+    """Points on a grid of 0.1 mm, zero included."""
     steps = round(limit_m * 1e4)
     return st.tuples(*[st.integers(-steps, steps).map(lambda i: i * 1e-4)] * 3)
 
@@ -38,7 +38,7 @@ def turned(pan_rad, tilt_rad):
 
 
 @pytest.mark.parametrize("joints", [2, 3, 4, 5])
-def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints):
+def test_the_gaze_ray_equals_composed_rotations(joints):
     for angles in np.random.default_rng(3).uniform(-0.6, 0.6, (20, joints)):
         pan, tilt = angles[0] + (angles[-1] if joints in (3, 5) else 0.0), angles[1]
         head = turned(pan, tilt)
@@ -49,7 +49,7 @@ def test_the_gaze_ray_with_eyes_and_body_is_that_of_composed_rotations(joints):
         np.testing.assert_allclose(direction, (head * eye).apply([1.0, 0.0, 0.0]), atol=1e-12)
 
 
-def test_the_eyes_angles_look_at_the_target():
+def test_eye_angles_point_the_gaze_at_the_target():
     rng = np.random.default_rng(3)
     heads = rng.uniform(-0.6, 0.6, (50, 2))
     targets = rng.uniform([1.0, -1.0, -0.5], [3.0, 1.0, 0.8], (50, 3))
@@ -63,14 +63,14 @@ def test_the_eyes_angles_look_at_the_target():
 @given(
     geometry=geometries,
     direction=st.tuples(*[st.floats(-1, 1)] * 3),
-    distance=st.floats(0.6, 10.0),  # farther than any part of the neck reaches
+    distance=st.floats(0.6, 10.0),  # beyond the reach of every part of the neck
 )
-def test_look_at_looks_at_the_target(geometry, direction, distance):
+def test_look_at_points_the_gaze_at_the_target(geometry, direction, distance):
     assume(np.linalg.norm(direction) > 0.1)
     target = distance * np.array(direction) / np.linalg.norm(direction)
     lateral = abs(geometry.tilt_axis_in_pan_m[1] + geometry.eye_in_tilt_m[1])
     ground = float(np.hypot(target[0], target[1]))
-    # Nearer than this to the cylinder that the gaze can just touch, angles are ill-conditioned.
+    # Closer to the cylinder of tangent gaze rays, angles are ill-conditioned.
     assume(ground > lateral + 0.02)
     assert gaze_error_rad(geometry, look_at_rad(geometry, target), target) < 1e-9
 
@@ -79,7 +79,7 @@ def test_look_at_looks_at_the_target(geometry, direction, distance):
 @pytest.mark.parametrize(
     "geometry", [POINT, Geometry(tilt_axis_in_pan_m=(0.07, 0.0, 0.05), eye_in_tilt_m=(0.02, 0.0, 0.06))]
 )
-def test_target_on_the_pan_axis_gets_angles_that_look_at_it(geometry, z):
+def test_look_at_handles_targets_on_the_pan_axis(geometry, z):
     angles = look_at_rad(geometry, [0.0, 0.0, z])
     assert np.all(np.isfinite(angles))
     assert gaze_error_rad(geometry, angles, [0.0, 0.0, z]) < 1e-9
@@ -111,18 +111,18 @@ def test_the_first_pan_is_within_half_a_turn_of_the_given_one(first, near):
 
 @pytest.mark.parametrize("angle", [1e-9, 1e-6, 1e-3])
 def test_small_gaze_errors_are_exact(angle):
-    """arccos of a scalar product cannot tell 1e-9 rad from 0."""
+    """arccos of a scalar product cannot resolve 1e-9 rad."""
     target = 3.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
     assert gaze_error_rad(POINT, [0.0, 0.0], target) == pytest.approx(angle, rel=1e-6)
     assert gaze_error_rad(POINT, [0.0, angle], [3.0, 0.0, 0.0]) == pytest.approx(angle, rel=1e-6)
 
 
-def test_a_neck_is_sent_the_way_it_can_go():
-    """Limits of +-163.7 deg; the person walks round behind, from 170 over 180 to -20 deg: follow on the other side."""
+def test_pan_is_unwrapped_to_the_reachable_side():
+    """Limits of +-163.7 deg; the person walks behind the robot from 170 over 180 to -20 deg: pan changes sides."""
     limits = np.radians([-163.7, 163.7])
     path = np.radians([[170.0, 0.0], [175.0, 0.0], [-175.0, 0.0], [-120.0, 0.0], [-20.0, 0.0]])
     assert np.degrees(unwrap_pan(path, np.radians(160.0), *limits)[-1, 0]) == pytest.approx(-20.0)
-    # Right behind, both ways are as good: stay on the side where the neck is.
+    # Straight behind, both directions are equivalent: stay on the current side.
     behind = np.radians([[179.0, 0.0], [-179.0, 0.0]])
     for side in (-160.0, 160.0):
         assert np.sign(unwrap_pan(behind, np.radians(side), *limits)[:, 0]) == pytest.approx(np.sign(side))
@@ -132,7 +132,7 @@ def test_a_neck_is_sent_the_way_it_can_go():
 
 
 @pytest.mark.parametrize("target", [[2.5, 0.0, 0.0], [1.5, 0.7, 0.4], [2.5, -1.0, -1.3], [-0.9, 0.2, 0.6]])
-def test_direction_deviations_are_those_of_the_derivative_of_look_at(target):
+def test_direction_deviations_equal_propagation_by_finite_differences(target):
     """Propagated with a Jacobian by central differences, neck without offsets."""
     step_m = 1e-6
     moves = np.concatenate([np.eye(3), -np.eye(3)]) * step_m
@@ -147,6 +147,6 @@ def test_direction_deviations_are_those_of_the_derivative_of_look_at(target):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_direction_deviations_of_what_is_not_finite_are_nan(value):
+def test_direction_deviations_of_non_finite_input_are_nan(value):
     for target, covariance in (([2.0, value, 0.1], np.eye(3)), ([2.0, 0.3, 0.1], np.diag([1.0, value, 1.0]))):
         assert np.all(np.isnan(angle_deviations_rad(np.array(target), covariance)))

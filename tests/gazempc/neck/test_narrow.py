@@ -1,4 +1,4 @@
-"""Limits made narrower: by a region, a speed, the picture, and by laws of human motion."""
+"""Narrowed limits: by a region, a speed, the field of view, and human motion."""
 
 import math
 
@@ -19,7 +19,7 @@ REGION = (-20.0, 30.0, -5.0, 15.0)
 
 
 def sums(neck, angles_deg):
-    """Pan and tilt of the gaze: the sums of the joints about the vertical, and of those up and down."""
+    """Pan and tilt of the gaze: sums of the yaw joints and of the pitch joints."""
     by_name = dict(zip(neck.joint_names, angles_deg.T, strict=True))
     about = [by_name[name] for name in ("pan", "eye_pan", "body_yaw") if name in by_name]
     up = [by_name[name] for name in ("tilt", "eye_tilt") if name in by_name]
@@ -41,7 +41,7 @@ def test_joints_at_any_end_of_their_ranges_keep_the_gaze_in_the_region(name):
 
 
 @pytest.mark.parametrize("region", [(30.0, 20.0, -5.0, 5.0), (-20.0, 20.0, 60.0, 70.0)])
-def test_a_region_that_the_neck_cannot_look_into_is_refused(region):
+def test_an_unreachable_region_is_refused(region):
     with pytest.raises(SettingsError, match=r"gaze_region_deg: neck 'reference', (pan|tilt) of the gaze.*accepted"):
         narrowed(gz.load_neck("reference"), region, None)
 
@@ -79,20 +79,20 @@ def test_the_head_stands_above_the_middle_by_the_headroom(headroom, above_deg):
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_the_camera_leads_a_walker_and_not_one_who_stands(way):
+def test_lead_room_applies_to_walkers_only(way):
     framed = picture(lead_room=0.1)
     ahead = np.degrees(framed.aim_rad(np.zeros(2), way * np.radians(60.0))[0])
     assert 5.9 < way * ahead < 6.0  # 0.1 of 60 deg
     assert framed.aim_rad(np.zeros(2), 0.0)[0] == 0.0
 
 
-def test_the_zone_is_wider_against_a_turn_back_by_delay_and_deviation_up_to_the_edge():
+def test_delay_and_deviation_widen_the_zone_against_reversals():
     framed = picture(zone=(0.4, 0.4), hysteresis_per_s=0.5)  # pan: 12 deg of 30, tilt: 6 of 15
     wider = [framed.turns_back_rad(axis, 1.2, np.radians([0.0, 2.0, 20.0])) for axis in (0, 1)]
     np.testing.assert_allclose(np.degrees(wider), [[7.2, 10.2, 18.0], [3.6, 6.6, 9.0]])
 
 
-def test_the_zone_is_as_wide_as_the_picture_until_a_person_who_stays_has_been_outside_for_long():
+def test_the_zone_spans_the_picture_until_a_long_excursion():
     framed = picture(zone=(0.4, 0.4))  # 12 deg of 30
     waits = [framed.waits_rad(0, 0.0, share) for share in (0.0, 0.5, 1.0)]
     np.testing.assert_allclose(np.degrees(waits), [18.0, 9.0, 0.0])
@@ -100,7 +100,7 @@ def test_the_zone_is_as_wide_as_the_picture_until_a_person_who_stays_has_been_ou
     assert framed.excursion_s(1.2) == pytest.approx(1.8)
 
 
-def test_limits_are_of_the_picture_so_that_a_closer_zoom_is_as_calm():
+def test_limits_scale_with_the_field_of_view():
     wide = narrowed(NECK, None, None, Framing(view_deg=(60.0, 34.0), acceleration_max=0.5))
     close = narrowed(NECK, None, None, Framing(view_deg=(6.0, 3.4), acceleration_max=0.5))
     assert wide.pan.acceleration_max_rad_s2 == pytest.approx(np.radians(30.0))
@@ -108,7 +108,7 @@ def test_limits_are_of_the_picture_so_that_a_closer_zoom_is_as_calm():
     assert narrowed(NECK, None, None, Framing(subject="no")) == NECK
 
 
-def test_the_angles_of_the_picture_are_the_neck_files_or_needed():
+def test_the_field_of_view_is_in_the_neck_file_or_required():
     seen = NECK.model_copy(update={"head_view_deg": (50.0, 30.0)})
     assert FramedPicture.of(Framing(), seen).view_rad[0] == np.radians(50.0)
     assert FramedPicture.of(Framing(subject="no"), NECK) is None
@@ -123,13 +123,13 @@ NECKS = [load_neck(name) for name in ("reference_eyes", "furhat", "icub")]
 
 
 def strong(axis):
-    """A motor that bears everything, behind a quick servo."""
+    """An axis with very high limits and a fast servo."""
     limits = {"velocity_max_rad_s": 50.0, "acceleration_max_rad_s2": 5000.0, "jerk_max_rad_s3": 1e7}
     return axis.model_copy(update=limits | {"natural_frequency_rad_s": 250.0})
 
 
 def peak_rad_s(axis, amplitude_rad):
-    """Peak velocity of a joint that is sent the fastest symmetrical motion within velocity and acceleration."""
+    """Peak velocity of a joint under the time-optimal symmetric motion within velocity and acceleration limits."""
     a, v, step_s = axis.acceleration_max_rad_s2, axis.velocity_max_rad_s, 0.5e-3
     top = min(v, math.sqrt(a * amplitude_rad))
     total_s = amplitude_rad / top + top / a
@@ -146,8 +146,8 @@ def peak_rad_s(axis, amplitude_rad):
     return max(speeds)
 
 
-def test_a_strong_neck_moves_as_fast_as_people_and_no_faster():
-    """Sampled through the servo: the head within a tenth over shifts of 20 to 70 deg, the eyes over 10 to 30 deg."""
+def test_a_strong_neck_has_human_peak_velocities():
+    """Simulated with the servo: the head within a tenth for shifts of 20 to 70 deg, the eyes for 10 to 30 deg."""
     eyes = {"pan": strong(NECKS[0].eyes.pan), "tilt": strong(NECKS[0].eyes.tilt)}
     neck = NECKS[0].model_copy(update={"pan": strong(NECKS[0].pan), "tilt": strong(NECKS[0].tilt), "eyes": eyes})
     human = with_motion(neck, "human")
@@ -160,7 +160,7 @@ def test_a_strong_neck_moves_as_fast_as_people_and_no_faster():
 
 
 @pytest.mark.parametrize("neck", NECKS, ids=lambda neck: neck.name)
-def test_no_limit_is_raised_and_a_second_time_changes_nothing(neck):
+def test_human_like_limits_raise_none_and_are_idempotent(neck):
     human = with_motion(neck, "human")
     for name in ("velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3"):
         assert np.all(getattr(human, name) <= getattr(neck, name))
@@ -175,7 +175,7 @@ def test_a_neck_without_eyes_is_refused():
         with_motion(load_neck("reference"), "human")
 
 
-def test_the_eyes_get_the_rest_up_to_four_fifths_of_their_range():
+def test_the_eyes_take_the_remaining_angle_up_to_0_8_of_their_range():
     aim = EyeAim(with_motion(NECKS[0], "human"), np.zeros(1))
     asked_deg = np.array([[40.0, 20.0], [-40.0, -20.0], [120.0, -35.0]])
     shared_deg = np.rad2deg(aim.head_share_rad(np.deg2rad(asked_deg)))

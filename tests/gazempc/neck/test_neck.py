@@ -1,4 +1,4 @@
-"""Necks: the shipped figures, limits on the command that bind the joint too, and errors a person can act on."""
+"""Necks: shipped parameters, command limits that bound the joint, and error messages."""
 
 import re
 from importlib.resources import files
@@ -40,7 +40,7 @@ def neck_of(pan, tilt=None):
 
 
 @pytest.mark.parametrize("name", neck_names())
-def test_every_shipped_neck_has_a_source_and_command_limits_inside_its_own(name):
+def test_every_shipped_neck_has_a_source_and_tighter_command_limits(name):
     neck = load_neck(name)
     assert neck.name == name
     assert len(neck.source) > 20
@@ -56,7 +56,7 @@ def test_every_shipped_neck_has_a_source_and_command_limits_inside_its_own(name)
 
 
 @pytest.mark.parametrize(("zeta", "wn"), [(0.2, 3.0), (0.7, 12.0), (1.0, 12.0), (1.5, 12.0)])
-def test_servo_gain_is_the_integral_of_the_absolute_impulse_response(zeta, wn):
+def test_the_peak_gain_is_the_l1_norm_of_the_impulse_response(zeta, wn):
     times_s = np.linspace(0.0, 40.0 / wn / min(zeta, 0.4), 30_001)
     _, response = signal.impulse(([wn**2], [1.0, 2 * zeta * wn, wn**2]), T=times_s)
     integral = np.trapezoid(np.abs(response), times_s)
@@ -77,7 +77,7 @@ def smooth(raw, neck):
     for limit in bounds:
         n = int(np.ceil(2.0 * bound / (limit[0] * dt)))
         bound = 2.0 * bound / (n * dt)
-        # Held before the start, so that the joint begins at rest on the command.
+        # Constant before the start, so that the joint starts at rest at the command.
         command = np.convolve(np.concatenate([np.full(n - 1, command[0]), command]), np.full(n, 1.0 / n), "valid")
     for order, limit in enumerate(bounds, 1):
         assert np.all(np.abs(np.diff(command, order)) <= limit[0] * dt**order * (1 + 1e-6))
@@ -95,7 +95,7 @@ def joint_that_follows(command, neck):
 
 
 def excess(joint, neck):
-    """How far the joint gets, as a share of the limit that it comes nearest to (1 is on the limit)."""
+    """Largest ratio of the joint's motion to its limits (1 is on the limit)."""
     centre = 0.5 * (neck.position_max_rad[0] + neck.position_min_rad[0])
     shares = [float(np.max(np.abs(joint - centre))) / float(neck.position_max_rad[0] - centre)]
     limits = (neck.velocity_max_rad_s[0], neck.acceleration_max_rad_s2[0], neck.jerk_max_rad_s3[0])
@@ -110,14 +110,14 @@ def excess(joint, neck):
     levels=st.lists(st.tuples(st.sampled_from([-1.0, 0.0, 1.0]), st.integers(5, 120)), min_size=2, max_size=12),
 )
 @example(zeta=0.2, jerk=5000.0, levels=[((-1.0) ** i, 53) for i in range(12)])
-def test_a_command_within_its_limits_keeps_the_joint_within_its_own(zeta, jerk, levels):
+def test_commands_within_their_limits_keep_the_joint_within_its_limits(zeta, jerk, levels):
     neck = neck_of(axis(damping_ratio=zeta, jerk_max_rad_s3=jerk))
     raw = np.concatenate([np.full(ticks, level) for level, ticks in levels])
     assert excess(joint_that_follows(smooth(raw, neck), neck), neck) <= 1.0 + 1e-9
 
 
-def test_the_command_limits_are_not_needlessly_tight():
-    """The worst command, which reverses at the servo's resonance, brings a lively joint to its limit."""
+def test_the_command_limits_are_tight():
+    """The worst-case command, switching at the servo's resonance, drives an underdamped joint to its limit."""
     neck = neck_of(axis(damping_ratio=0.3, velocity_max_rad_s=50.0, acceleration_max_rad_s2=1e4, jerk_max_rad_s3=1e7))
     half_period = round(np.pi / (12.0 * np.sqrt(1 - 0.3**2)) / neck.servo_period_s)
     raw = np.repeat([(-1.0) ** i for i in range(20)], half_period)
@@ -125,7 +125,7 @@ def test_the_command_limits_are_not_needlessly_tight():
 
 
 @pytest.mark.parametrize(("low", "high", "rests_at"), [(-10, 10, "0"), (15, 40, "low"), (-60, -20, "high")])
-def test_rest_is_straight_ahead_or_as_near_as_the_limits_allow(low, high, rests_at):
+def test_rest_is_straight_ahead_clamped_to_the_limits(low, high, rests_at):
     neck = neck_of(axis(), axis(position_min_deg=low, position_max_deg=high, damping_ratio=0.5))
     limits = neck.command_limits
     expected = {"0": 0.0, "low": limits.position_min_rad[1], "high": limits.position_max_rad[1]}[rests_at]
@@ -137,7 +137,7 @@ def test_rest_is_straight_ahead_or_as_near_as_the_limits_allow(low, high, rests_
 
 
 def refusal(tmp_path, text):
-    """Lines of the error that a file with this text raises, each checked to begin with the file's path."""
+    """Lines of the error for a file with this text; each must begin with the file's path."""
     path = tmp_path / "mine.toml"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(SettingsError) as caught:
@@ -157,7 +157,7 @@ def changed(*changes):
 
 
 @pytest.mark.parametrize("field", [name for name, field in Axis.model_fields.items() if field.is_required()])
-def test_a_missing_figure_names_a_rule_of_thumb(tmp_path, field):
+def test_a_missing_value_is_reported_with_a_rule_of_thumb(tmp_path, field):
     text = re.sub(rf"^{field} = .*\n", "", REFERENCE_TOML, count=1, flags=re.MULTILINE)
     (line,) = refusal(tmp_path, text)
     assert re.match(rf"pan\.{field}: Field required; rule of thumb: \S", line)
@@ -176,7 +176,7 @@ def test_a_missing_figure_names_a_rule_of_thumb(tmp_path, field):
         (("[tilt]", "[roll]"), r"roll: unknown field; .*accepted: .*tilt"),
     ],
 )  # fmt: skip
-def test_a_wrong_field_is_named_with_what_is_wrong(tmp_path, change, line):
+def test_an_invalid_field_is_reported_with_the_reason(tmp_path, change, line):
     assert any(re.match(line, found) for found in refusal(tmp_path, changed(change)))
 
 
@@ -193,7 +193,7 @@ def test_necks_are_equal_by_their_fields_alone():
     assert used != load_neck("slow")
 
 
-def test_a_copy_with_other_limits_forgets_arrays_of_the_old_ones():
+def test_a_copy_with_other_limits_drops_cached_arrays():
     neck = load_neck("reference")
     assert np.degrees(neck.position_max_rad[0]) == pytest.approx(80.0)
     narrow = neck.model_copy(update={"pan": neck.pan.model_copy(update={"position_max_deg": 30.0})})
@@ -220,16 +220,16 @@ SPEEDS = st.lists(st.floats(1e-3, 10.0), min_size=1, max_size=20).map(lambda eac
 
 
 @given(SPEEDS, SPEEDS, st.floats(-12.0, 12.0))
-def test_the_nearest_step_is_nearer_than_all_others(up, down, wanted):
+def test_the_nearest_speed_step_minimises_the_distance(up, down, requested):
     steps = SpeedSteps(positive_rad_s=up, negative_rad_s=down)
-    found = steps.step(wanted)
+    found = steps.step(requested)
     assert -len(down) <= found <= len(up)
     by_hand = 0.0 if found == 0 else up[found - 1] if found > 0 else -down[-found - 1]
     assert steps.speed_rad_s(found) == by_hand
-    assert abs(by_hand - wanted) == min(abs(speed - wanted) for speed in (0.0, *up, *(-speed for speed in down)))
+    assert abs(by_hand - requested) == min(abs(speed - requested) for speed in (0.0, *up, *(-speed for speed in down)))
 
 
-def test_a_table_in_a_neck_file(tmp_path):
+def test_a_speed_table_is_read_from_a_neck_file(tmp_path):
     steps = "speed_steps = { positive_rad_s = [0.1, 0.5, 1.4], negative_rad_s = [0.2, 1.5] }\n"
     text = files("gazempc.neck").joinpath("ptz.toml").read_text().replace("[tilt]", steps + "\n[tilt]")
     path = tmp_path / "own.toml"
@@ -239,7 +239,7 @@ def test_a_table_in_a_neck_file(tmp_path):
     assert neck.pan.speed_steps.fastest_rad_s == 1.4
     assert neck.tilt.speed_steps is None
     assert neck.model_copy(update={"name": "copy"}).pan.speed_steps == neck.pan.speed_steps
-    # The top speed of the joint is one that the device has in both directions.
+    # The joint's top speed is available in both directions.
     path.write_text(text.replace("0.5, 1.4]", "0.5, 1.3]"))
     with pytest.raises(SettingsError, match="velocity_max_rad_s"):
         load_neck(path)
@@ -249,6 +249,6 @@ def test_a_table_in_a_neck_file(tmp_path):
 
 
 @pytest.mark.parametrize("wrong", [(), (0.2, 0.1), (0.0, 0.1), (-0.1, 0.1)])
-def test_refused_tables(wrong):
+def test_invalid_speed_tables_are_refused(wrong):
     with pytest.raises(ValidationError):
         SpeedSteps(positive_rad_s=(0.1,), negative_rad_s=wrong)

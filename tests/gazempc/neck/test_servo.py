@@ -1,4 +1,4 @@
-"""The delayed servo against closed forms and the matrix exponential; with speeds, against scipy's integration."""
+"""The delayed servo against closed forms and the matrix exponential; speed commands against SciPy's integration."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def step_response(times_s, wn, zeta):
 
 
 def replay(joint, commands, look_s, period_s=TICK_S, start=0.0):
-    """States at given times of a joint that starts at rest and is sent one command a period, from time 0 on."""
+    """States at given times of a joint, initially at rest, with one command per period from time 0 on."""
     servo = DelayedServo(joint, start)
     sends = [(k * period_s, 1, float(u)) for k, u in enumerate(commands)]
     looks = [(float(t), 0, 0.0) for t in look_s]
@@ -66,8 +66,8 @@ def test_zero_order_hold_is_the_matrix_exponential(zeta, dt_s):
 
 @pytest.mark.parametrize("zeta", [0.3, 1.0, 1.6])
 @pytest.mark.parametrize("dead_time_s", DEAD_TIMES_S)
-def test_the_sum_of_all_steps_is_the_motion(dead_time_s, zeta):
-    """Random commands as steps, each answered by the closed form."""
+def test_the_motion_is_the_superposition_of_step_responses(dead_time_s, zeta):
+    """Random commands as sums of closed-form step responses."""
     commands = np.random.default_rng(6).uniform(-1, 1, 120)
     look_s = np.linspace(0.0011, 0.9, 77)
     steps = np.diff(np.concatenate([[0.0], commands]))
@@ -75,7 +75,7 @@ def test_the_sum_of_all_steps_is_the_motion(dead_time_s, zeta):
     np.testing.assert_allclose(replay(axis(dead_time_s, zeta=zeta), commands, look_s)[:, 0], expected, atol=1e-9)
 
 
-def test_a_whole_dead_time_in_decimal_seconds_ends_on_the_tick():
+def test_a_dead_time_of_whole_ticks_is_not_rounded_up():
     """0.4 s is 80 ticks; rounding of k * 0.005 + 0.4 must not make it 81."""
     for start in range(0, 4000, 37):
         servo = DelayedServo(axis(0.4), 0.0, time_s=start * TICK_S)
@@ -98,7 +98,7 @@ def speed_axis(dead_time_s, zeta=0.9):
 
 
 def integrated(joint, until_s):
-    """Velocity servo and its integral, by scipy, piece by piece between the times at which the speed changes."""
+    """Velocity servo and its integral by SciPy, piecewise between changes of the speed."""
     wn, zeta = joint.natural_frequency_rad_s, joint.damping_ratio
     state, now_s, speed = np.zeros(3), 0.0, 0.0
     for sent_s, next_speed in (*SPEEDS, (np.inf, 0.0)):
@@ -115,7 +115,7 @@ def integrated(joint, until_s):
 
 
 @pytest.mark.parametrize("zeta", [0.4, 1.0, 2.0])
-def test_speeds_move_the_joint_as_in_scipy(zeta):
+def test_speed_commands_equal_integration_by_scipy(zeta):
     joint = speed_axis(0.123, zeta)
     servo = DelayedServo(joint, 0.0)
     for sent_s, speed in SPEEDS:
@@ -126,7 +126,7 @@ def test_speeds_move_the_joint_as_in_scipy(zeta):
         assert servo.state == pytest.approx(integrated(joint, until_s), abs=1e-8)
 
 
-def test_the_joint_ends_at_its_stops_and_leaves_them_at_once():
+def test_the_joint_stops_at_its_end_stops_without_windup():
     servo = DelayedServo(speed_axis(0.0, 1.0), 0.0, stops_rad=(-0.1, 0.2))
     servo.send(1.0)
     servo.advance_to(5.0)
@@ -137,7 +137,7 @@ def test_the_joint_ends_at_its_stops_and_leaves_them_at_once():
     assert servo.state == pytest.approx((0.2 - 0.05 * (2.0 - lag_s), -0.05), abs=1e-6)
 
 
-def test_a_load_that_a_speed_cannot_have_is_refused():
+def test_a_load_on_a_speed_driven_joint_is_refused():
     with pytest.raises(ValidationError, match="load_offset_deg"):
         Axis.model_validate(speed_axis(0.1).model_dump() | {"load_offset_deg": 1.0})
 
@@ -161,7 +161,7 @@ def with_joints(dead_times_s, rate_hz, zeta):
 
 
 @pytest.mark.parametrize(("neck", "dead_time_s"), [("reference", None), ("reachy_mini", 0.0), ("fetch", 0.0613)])
-def test_it_is_where_the_simulated_joint_will_be(neck, dead_time_s):
+def test_the_prediction_equals_the_simulated_joint(neck, dead_time_s):
     spec = load_neck(neck)
     axis = spec.pan if dead_time_s is None else spec.pan.model_copy(update={"dead_time_s": dead_time_s})
     period_s, at = spec.servo_period_s, [0, 1, 7, 20, 45]
@@ -172,7 +172,7 @@ def test_it_is_where_the_simulated_joint_will_be(neck, dead_time_s):
     np.testing.assert_allclose(found, [states[NOW + k][0] for k in at], atol=1e-12)
 
 
-def test_between_periods_it_is_on_the_line():
+def test_between_periods_the_prediction_is_linear():
     ahead = JointAhead(NECK.pan, 0.005, 0.005 * np.array([2.0, 2.25, 3.0]))
     early, between, late = ahead(0.3, 0.8, np.linspace(0.0, 1.0, 90), np.empty(0))
     assert between == pytest.approx(0.75 * early + 0.25 * late)
@@ -185,10 +185,10 @@ def test_between_periods_it_is_on_the_line():
     commands=st.lists(st.floats(-1, 1), min_size=1, max_size=40),
     committed=st.lists(st.floats(-1, 1), max_size=4),
 )
-def test_the_settled_state_is_where_the_joints_will_be(dead_times_s, rate_hz, zeta, commands, committed):
-    """What is sent after the committed commands cannot act before the dead time is over: the joints must end up there.
+def test_the_state_after_the_dead_time_equals_the_simulated_joint(dead_times_s, rate_hz, zeta, commands, committed):
+    """Commands after the committed ones cannot act within the dead time: the simulated joints must reach this state.
 
-    Pan and tilt have dead times of their own. The tolerance is that of times, 1 ns: by so much the last command may
+    Pan and tilt have different dead times. The tolerance corresponds to 1 ns, by which the last command may
     act early.
     """
     neck = with_joints(dead_times_s, rate_hz, zeta)

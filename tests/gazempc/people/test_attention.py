@@ -1,4 +1,4 @@
-"""Choice of the attended person: policies, hysteresis, dwell time, limits; the published measure of engagement."""
+"""Selection of the attended person: policies, hysteresis, dwell time, limits; the published engagement measure."""
 
 import math
 
@@ -33,7 +33,7 @@ def attention(policy="nearest", **settings):
 
 
 def run(attending, people_at, seconds, from_s=0.0):
-    """Times of the ticks and the attended numbers."""
+    """Tick times and attended track numbers."""
     times_s = from_s + np.arange(round(seconds / TICK_S)) * TICK_S
     return times_s, [attending.update(people_at(t), t).number for t in times_s.tolist()]
 
@@ -45,24 +45,24 @@ def test_approaching_prefers_the_fastest_approach_else_the_nearest():
     assert np.argmax(scores("approaching", [goes, passes])) == 0
 
 
-def test_the_speaker_is_where_the_sound_comes_from_and_stays_in_a_pause():
+def test_the_speaker_is_located_by_sound_and_kept_in_a_pause():
     left, right = person(1, 2.0, 1.0), person(2, 2.0, -1.0)
     policy = make_policy("speaker", {})
-    said = Sound(0.0, math.atan2(-1.0, 2.0) + math.radians(10.0))
-    assert np.argmax(scores(policy, [left, right], 0.1, [said])) == 1
+    speech = Sound(0.0, math.atan2(-1.0, 2.0) + math.radians(10.0))
+    assert np.argmax(scores(policy, [left, right], 0.1, [speech])) == 1
     assert np.argmax(scores(policy, [person(1, 1.0, 0.5), right], 5.0)) == 1
     # A sound far from each person, and older than a pause, has no speaker.
     assert np.argmax(scores(policy, [left, right], 6.0, [Sound(5.9, math.pi)])) == 1
     answer = Sound(6.1, math.atan2(1.0, 2.0))
-    assert np.argmax(scores(policy, [left, right], 6.2, [said, answer])) == 0
+    assert np.argmax(scores(policy, [left, right], 6.2, [speech, answer])) == 0
 
 
-def test_a_name_excludes_all_others():
+def test_a_named_policy_attends_no_other_person():
     found = scores("id:anna", [person(1, tracker_id="bob"), person(2, tracker_id="anna"), person(3)])
     assert np.isnan(found).tolist() == [True, False, True]
 
 
-def test_a_policy_of_your_own_is_checked():
+def test_a_user_defined_policy_is_checked():
     with pytest.raises(SettingsError, match=r"policy object lacks the method reset\(\)"):
         make_policy(object(), {})
     with pytest.raises(SettingsError, match="no policy 'nearst': perhaps you meant 'nearest'"):
@@ -93,14 +93,14 @@ def test_a_person_who_left_is_replaced_at_once():
     assert (now.number, now.why) == (2, "left")
 
 
-def test_the_limit_of_distance_has_hysteresis():
+def test_the_distance_limit_has_hysteresis():
     attending = attention(enter_m=1.0, leave_m=1.5, hysteresis_s=0.0, dwell_s=0.0)
     walk_m = {0.0: 1.2, 1.0: 0.9, 2.0: 1.4, 3.0: 1.6, 4.0: 1.4}
     found = {t: attending.update([person(1, x)], t).number for t, x in walk_m.items()}
     assert found == {0.0: None, 1.0: 1, 2.0: 1, 3.0: None, 4.0: None}
 
 
-def test_only_the_nearest_few_count():
+def test_only_the_nearest_people_are_considered():
     class Farthest(Nearest):
         def scores(self, company):
             return [-score for score in super().scores(company)]
@@ -109,7 +109,7 @@ def test_only_the_nearest_few_count():
     assert Attention(Farthest(), AttentionSettings(most_people=3)).update(crowd, 0.0).number == 3
 
 
-def test_a_policy_that_raises_changes_nothing_but_ends_attention_to_a_person_who_left():
+def test_a_raising_policy_keeps_the_attended_person_until_they_leave():
     class Broken(Nearest):
         def scores(self, company):
             if company.time_s > 0.5:
@@ -127,13 +127,13 @@ def test_a_policy_that_raises_changes_nothing_but_ends_attention_to_a_person_who
 
 
 @pytest.mark.parametrize("limits", [{"enter_m": 1.5, "leave_m": 1.0}, {"leave_m": 1.0}])
-def test_limits_that_contradict_are_refused(limits):
+def test_contradictory_limits_are_refused(limits):
     with pytest.raises(ValueError, match="leave_m"):
         AttentionSettings(**limits)
 
 
 def watcher(distance_m, off_deg=0.0, number=1):
-    """A person straight ahead who looks past the robot by an angle."""
+    """A person straight ahead whose gaze misses the robot by an angle."""
     quat = Rotation.from_euler("z", 180.0 + off_deg, degrees=True).as_quat(scalar_first=True)
     return PersonState(number, None, 0.0, np.array([distance_m, 0.0, 0.0]), np.zeros(3), quat, 0.0, 0.0)
 
@@ -145,7 +145,7 @@ def watched(engagement, state, seconds, from_s=0.0):
     return found
 
 
-def test_the_measure_is_the_published_one():
+def test_engagement_equals_the_published_formula():
     # gaze = 1 - tan(off) / tan(60 deg), distance = log(4 - d + 1) / log(5).
     assert visual_engagement(watcher(1.0)) == pytest.approx(math.log(4.0) / math.log(5.0))
     expected = (1 - math.tan(math.radians(30)) / math.tan(math.radians(60))) * math.log(3.0) / math.log(5.0)

@@ -1,4 +1,4 @@
-"""When to look away, by itself and in a replay; limits, whatever people, policies and looks away come."""
+"""Schedule of looks away, alone and in a replay; limits under any people, policies and looks away."""
 
 from itertools import pairwise
 
@@ -41,7 +41,7 @@ def forecast(times_s):
 
 
 def run_for(look_aways, seconds, from_s=0.0):
-    """All planned looks away over some time, polled at the loop's rate."""
+    """All looks away planned in some time, polled at the loop's rate."""
     found = {}
     for k in range(int(seconds / 0.02)):
         now_s = from_s + 0.02 * k
@@ -60,7 +60,7 @@ def test_durations_and_intervals_are_the_published_ones(mode):
     assert gaps_s.min() >= 0.8 - 1e-9
 
 
-def test_the_way_there_and_back_keeps_the_necks_limits():
+def test_both_shifts_of_a_look_away_keep_the_limits():
     for name in neck_names():
         neck = load_neck(name)
         shift = shift_of(neck, 0.26, 0.1)
@@ -84,25 +84,25 @@ def test_a_glance_is_at_its_target():
     assert away.why == "glance"
 
 
-def test_the_floor_is_held_until_the_utterance():
+def test_the_gaze_stays_averted_until_the_utterance():
     look_aways = LookAways(NECK)
     assert look_aways.speech_starts(10.0, 13.0)
     [away] = look_aways.planned(10.0)
     assert (away.start_s, away.end_s) == pytest.approx((11.97, 13.0))
-    assert not look_aways.speech_starts(20.0, 20.3)  # told too late
+    assert not look_aways.speech_starts(20.0, 20.3)  # announced too late
     assert look_aways.left_out == 1
 
 
-def test_what_the_neck_cannot_do_is_smaller_or_left_out():
+def test_infeasible_look_aways_are_reduced_or_omitted():
     slow = load_neck("slow")
-    asked = Aversion(0.0, 1.0, 0.26, 0.0, "speaking")
-    done = fitted(asked, slow)
+    requested = Aversion(0.0, 1.0, 0.26, 0.0, "speaking")
+    done = fitted(requested, slow)
     assert 0.1 < done.aside_rad < 0.26
     assert fitted(Aversion(0.0, 0.2, 0.26, 0.0, "speaking"), slow) is None
     assert not LookAways(slow).glance(0.0, np.array([0.0, 2.0, 0.0]), PERSON_M, 0.5)
 
 
-def test_requests_come_before_the_rhythm_without_clashes():
+def test_requests_have_priority_over_the_rhythm_without_overlap():
     look_aways = LookAways(NECK, "listening", 3)
     assert look_aways.think(0.0, 3.0, start_s=2.0)
     assert not look_aways.think(0.0, 1.0, start_s=4.0)
@@ -111,7 +111,7 @@ def test_requests_come_before_the_rhythm_without_clashes():
     assert all(b.start_s - a.end_s >= 0.8 - 1e-9 for a, b in pairwise(aways))
 
 
-def test_another_rhythm_from_now_on():
+def test_a_new_rhythm_applies_to_later_look_aways():
     look_aways = LookAways(NECK, "listening")
     run_for(look_aways, 20.0)
     look_aways.set_mode("speaking", 20.0)
@@ -122,7 +122,7 @@ def test_another_rhythm_from_now_on():
 
 
 @pytest.mark.slow
-def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time():
+def test_the_gaze_leaves_and_returns_one_dead_time_late():
     scene = standing_together(16.0, [2.5, 0.0, 0.3])
     settings = ReplaySettings(look_away=LookAwaySettings(rhythm="listening"))
     log = replay_scene(scene, "mpc", "constant_velocity", settings).log
@@ -137,8 +137,8 @@ def test_the_gaze_leaves_and_returns_on_time_behind_its_dead_time():
 
 
 @pytest.mark.parametrize(("rhythm", "speed_max_rad_s"), [("listening", 0.1), ("told", None)])
-def test_an_impossible_look_away_is_left_out_with_an_event(rhythm, speed_max_rad_s):
-    """A neck that is too slow for even a small look away, and an utterance that is told of too late."""
+def test_an_infeasible_look_away_is_omitted_with_an_event(rhythm, speed_max_rad_s):
+    """A neck too slow for a small look away, and an utterance announced too late."""
     scene = standing_together(1.6, [2.5, 0.0, 0.3])
     loop = LoopSettings(speed_max_rad_s=speed_max_rad_s)
     look_aways = LookAways(narrowed(scene.neck, None, speed_max_rad_s), rhythm)
@@ -159,8 +159,8 @@ FROZEN_M, TURNS = np.array([2.0, 0.5, 0.3]), (np.array([1.0, 0.0, 0.0, 0.0]), np
 MPC = Mpc(NECK)
 
 
-class Whim:
-    """Scores at random, raises at times, and returns wrong lengths."""
+class RandomPolicy:
+    """A policy with random scores, exceptions and wrong lengths."""
 
     def __init__(self, rng):
         self._rng = rng
@@ -180,7 +180,7 @@ class Whim:
 def seen_at(rng, time_s, places_m, names):
     for k, place_m in enumerate(places_m):
         if k == 0 and 1.5 < time_s < 2.5:
-            # The tracker stands frozen at one of them.
+            # The tracker is frozen at one of them.
             yield Sighting(time_s, HeadObservation(time_s - 0.066, FROZEN_M, TURNS[rng.integers(2)]))
             continue
         if rng.random() < 0.2:
@@ -198,7 +198,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
     rng, clock, recorder, cues = np.random.default_rng(seed), SimulatedClock(), make_recorder(), Cues()
     robot = SimulatedNeck(NECK, np.zeros(2), clock.now_s)
     robot.connect()
-    attention = Attention(Whim(rng), AttentionSettings(hysteresis_s=0.05, dwell_s=0.1))
+    attention = Attention(RandomPolicy(rng), AttentionSettings(hysteresis_s=0.05, dwell_s=0.1))
     target = AttendedPeople(ConstantVelocity, attention, LoopSettings())
     away = LookingAway(target, LookAways(NECK, "speaking", seed), cues)
     MPC.reset()
@@ -207,7 +207,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
     loop = GazeLoop(NECK, away, planner, Smoother(NECK, np.zeros(2)), robot, recorder, LoopSettings())
     places_m = rng.uniform([-3.0, -3.0, -0.5], [4.0, 3.0, 1.0], (people, 3))
     speeds_m_s = rng.uniform(-1.5, 1.5, (people, 3))
-    told = [Thinking(1.0), Speech(1.3), Glance(rng.uniform(-2.0, 2.0, 3), 0.8), Rhythm("listening"), Thinking(-1.0)]
+    sent = [Thinking(1.0), Speech(1.3), Glance(rng.uniform(-2.0, 2.0, 3), 0.8), Rhythm("listening"), Thinking(-1.0)]
     for index in range(int(SECONDS / TS)):
         time_s = index * TS
         clock.sleep_until_s(time_s)
@@ -215,7 +215,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
         if index % 7 == 0:
             arrived = list(seen_at(rng, time_s, places_m + time_s * speeds_m_s, ["a", "b", None]))
         if rng.random() < 0.01:
-            cues.put(told[rng.integers(len(told))])
+            cues.put(sent[rng.integers(len(sent))])
         loop.tick(index, time_s, arrived)
     log, _ = recorder.finish(run_info(NECK), lambda times_s: np.full((times_s.size, 3), np.nan))
     assert limit_violations(log, NECK) == 0

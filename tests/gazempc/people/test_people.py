@@ -1,4 +1,4 @@
-"""Several people: association of detections with tracks."""
+"""Multi-person tracking: association of detections with tracks."""
 
 from dataclasses import replace
 
@@ -36,12 +36,12 @@ def frame(time_s, positions_m, names=None, noise_m=0.0, rng=None):
 
 
 def shown(crowd, frames):
-    """Show frames; gives what became of each detection, a list a frame."""
+    """Feed frames; returns the outcome of each detection, a list per frame."""
     return [crowd.see(each) for each in frames]
 
 
 def stand(crowd, places_m, seconds=0.5, names=None, from_s=0.0):
-    """Show people who stand; gives the time of the last frame."""
+    """Feed standing people; returns the time of the last frame."""
     for k in range(round(seconds / FRAME_S)):
         crowd.see(frame(from_s + k * FRAME_S, places_m, names))
     return from_s + (round(seconds / FRAME_S) - 1) * FRAME_S
@@ -59,11 +59,11 @@ def test_false_detections_of_two_frames_start_no_track():
 
 
 @pytest.mark.parametrize("behind_m", [0.3, 1.5])
-def test_walkers_who_cross_keep_their_numbers_without_names(behind_m):
+def test_crossing_walkers_keep_their_track_numbers_without_names(behind_m):
     one = straight([2.0, -1.5, 0.4], [0.0, 1.0, 0.0], TIMES_S)
     other = straight([2.0 + behind_m, 1.5, 0.4], [0.0, -1.0, 0.0], TIMES_S)
     crowd, rng = people(), np.random.default_rng(0)
-    # The order of the detections changes, and tells nothing.
+    # The order of the detections varies and is not used.
     orders = [slice(None, None, -1 if k % 2 else 1) for k in range(TIMES_S.size)]
     frames = [frame(t, [one[k], other[k]][orders[k]], rng=rng, noise_m=0.01) for k, t in enumerate(TIMES_S)]
     found = [numbers[orders[k]] for k, numbers in enumerate(shown(crowd, frames))]
@@ -72,7 +72,7 @@ def test_walkers_who_cross_keep_their_numbers_without_names(behind_m):
     assert sorted(whose[0]) == [1, 2]
 
 
-def test_names_that_swap_while_people_walk_on_change_no_track():
+def test_swapped_names_do_not_swap_tracks():
     one = straight([2.0, -1.0, 0.4], [0.0, 0.8, 0.0], TIMES_S)
     other = one + np.array([0.0, 0.4, 0.0])
     crowd = people()
@@ -83,8 +83,8 @@ def test_names_that_swap_while_people_walk_on_change_no_track():
     assert [became for _, became in found[46]] == [Became.USED] * 2
 
 
-def test_names_decide_where_motion_does_not():
-    """Two people 0.3 m apart, and a tracker with an error of 0.15 m: positions alone do not separate them."""
+def test_names_resolve_ambiguous_associations():
+    """Two people 0.3 m apart with a position error of 0.15 m: positions alone are ambiguous."""
 
     def share_kept(names):
         crowd, rng = people(), np.random.default_rng(1)
@@ -110,7 +110,7 @@ def test_two_detections_of_one_person_are_one_track():
     assert sum(became is Became.DUPLICATE for _, became in found[-1]) == 1
 
 
-def test_first_detections_that_come_late_count_and_give_the_forecast_of_those_in_order():
+def test_late_first_detections_give_the_forecast_of_ordered_ones():
     walk = straight([2.0, -1.5, 0.4], [0.0, 1.0, 0.0], TIMES_S)
     in_order, shuffled = people(), people()
     found = []
@@ -130,12 +130,12 @@ def test_first_detections_that_come_late_count_and_give_the_forecast_of_those_in
 @pytest.mark.parametrize(
     ("late_s", "there_m", "name"),
     [
-        (2 * FRAME_S, [A_M], ""),  # seen at that time already
+        (2 * FRAME_S, [A_M], ""),  # already observed at that time
         (2.5 * FRAME_S, [A_M], "another"),
         (2.5 * FRAME_S, [A_M, A_M + np.array([0.0, 0.3, 0.0])], ""),  # it may be either one's
     ],
 )
-def test_first_detections_that_come_late_and_are_ambiguous_are_dropped(late_s, there_m, name):
+def test_ambiguous_late_first_detections_are_dropped(late_s, there_m, name):
     crowd = people()
     for k in range(5):
         crowd.see(frame(k * FRAME_S, there_m, ["a", "b"][: len(there_m)]))
@@ -148,7 +148,7 @@ def test_a_track_ends_after_the_coasting_time():
     end_s = stand(crowd, [A_M, B_M])
     assert numbers_at(crowd, end_s + 0.4) == [1, 2]
     assert numbers_at(crowd, end_s + 0.6) == []
-    assert crowd.track(1) is not None  # nothing was seen since: it may still be that frames are late
+    assert crowd.track(1) is not None  # no later frame: frames may still be late
     stand(crowd, [A_M * 3], from_s=end_s + 0.7)
     assert crowd.track(1) is None
 
@@ -170,8 +170,8 @@ def test_a_name_at_an_impossible_distance_is_another_person():
     assert numbers_at(crowd, end_s) == [2]
 
 
-def test_a_predictor_takes_in_waiting_observations_when_asked():
-    """The forecast of a person who was unattended equals that of one who was attended."""
+def test_queued_observations_are_processed_on_demand():
+    """The forecast of an unattended person equals that of an attended one."""
     walk = straight([2.0, -1.5, 0.4], [0.2, 1.0, 0.0], TIMES_S)
     crowd, alone = People(Walker), Walker()
     for k, t in enumerate(TIMES_S):
@@ -187,7 +187,7 @@ def test_a_predictor_takes_in_waiting_observations_when_asked():
 
 @settings(max_examples=25)
 @given(st.data())
-def test_no_frame_has_a_person_twice_and_numbers_are_never_given_again(data):
+def test_association_is_one_to_one_and_track_numbers_are_unique(data):
     crowd = people()
     seen = set()
     numbers = st.floats(-1e3, 1e3)
@@ -206,12 +206,12 @@ def test_no_frame_has_a_person_twice_and_numbers_are_never_given_again(data):
     assert seen == set(range(1, max(seen, default=0) + 1))
 
 
-@pytest.mark.parametrize(("rate_hz", "there"), [(30.0, 1), (2.5, 1), (0.9, 0)])
-def test_a_slow_tracker_has_people_too(rate_hz, there):
+@pytest.mark.parametrize(("rate_hz", "tracks_expected"), [(30.0, 1), (2.5, 1), (0.9, 0)])
+def test_tracks_are_confirmed_above_a_minimum_frame_rate(rate_hz, tracks_expected):
     people = People(ConstantVelocity)
     for k in range(4):
         people.see([HeadObservation(k / rate_hz, np.array([2.0, 0.0, 0.3]))])
-    assert len(people.confirmed) == there
+    assert len(people.confirmed) == tracks_expected
 
 
 def at(pan_deg, tilt_deg, range_m):
@@ -229,7 +229,7 @@ def at(pan_deg, tilt_deg, range_m):
         ([(170.0, 0.0, 2.0), (-170.0, 0.0, 2.0)], 180.0, 0.0),
     ],
 )
-def test_the_middle_of_the_box(people, pan_deg, tilt_deg):
+def test_the_centre_of_the_bounding_box(people, pan_deg, tilt_deg):
     x, y, z = middle_of([at(*each) for each in people]).means_base_m[0]
     off = np.degrees(np.arctan2(y, x)) - pan_deg
     assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Faults of a tracker: a frozen one, jumps of the yaw, late first frames, forecasts out of reach."""
+"""Faults of a tracker: freezing, yaw jumps, late first frames, unreachable forecasts."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ def sighting(time_s, head_m, sensor_m=None):
 
 
 def frozen_at(path_m, rate_hz, sensor_m=None):
-    """Times from the start at which a tracker that gives these positions counts as frozen."""
+    """Times from the start at which a tracker with these positions counts as frozen."""
     tracker = FrozenTracker()
     times_s = np.arange(len(path_m)) / rate_hz
     moving = [None] * len(path_m) if sensor_m is None else sensor_m
@@ -35,7 +35,7 @@ def walk_then(stops_m_s2, rate_hz, seconds=4.0, speed_m_s=1.2):
 
 
 @pytest.mark.parametrize("rate_hz", [5.0, 30.0])
-def test_a_tracker_that_is_frozen_in_mid_walk_is_noticed_after_half_a_second(rate_hz):
+def test_a_tracker_frozen_during_a_walk_is_detected_after_half_a_second(rate_hz):
     path_m = walk_then(1.0, rate_hz)
     stop = int(1.5 * rate_hz)
     path_m[stop : stop + int(1.5 * rate_hz)] = path_m[stop]
@@ -51,7 +51,7 @@ def test_braking_to_a_stand_without_noise_is_not_frozen(rate_hz, stops_m_s2):
     assert frozen_at(walk_then(stops_m_s2, rate_hz), rate_hz) == []
 
 
-def test_standing_from_the_beginning_or_elsewhere_after_a_gap_is_not_frozen():
+def test_standing_from_the_start_or_after_a_gap_is_not_frozen():
     stands = np.tile([2.0, 0.5, 0.3], (120, 1))
     assert frozen_at(stands, 30.0) == []
     # Lost for two seconds; then a person stands 3 m away.
@@ -62,7 +62,7 @@ def test_standing_from_the_beginning_or_elsewhere_after_a_gap_is_not_frozen():
         assert not tracker.see(sighting(4.0 + i / 30.0, [2.0, 3.5, 0.3]))
 
 
-def test_noise_of_a_tracker_is_no_walk_and_noise_is_never_frozen():
+def test_tracker_noise_is_neither_walking_nor_frozen():
     rng = np.random.default_rng(0)
     stands = np.array([2.0, 0.5, 0.3]) + 0.03 * rng.standard_normal((120, 3))
     assert frozen_at(stands, 30.0) == []
@@ -70,8 +70,8 @@ def test_noise_of_a_tracker_is_no_walk_and_noise_is_never_frozen():
     assert frozen_at(stands, 30.0) == []
 
 
-def test_on_a_moving_head_what_the_sensor_saw_counts():
-    """Frozen there, the position moves with the head in the base frame; who stands seems to move in the sensor's."""
+def test_on_a_moving_head_freezing_is_judged_in_the_sensor_frame():
+    """Frozen in the sensor frame, the position moves in the base frame; a standing person moves in the sensor frame."""
     frames = np.arange(90)
     pan_rad = 0.02 * frames
     turning = np.stack([2.0 * np.cos(pan_rad), 2.0 * np.sin(pan_rad), 0.3 + 0.0 * pan_rad], axis=1)
@@ -90,7 +90,7 @@ def seen(time_s, head_rad=None, pelvis_rad=None):
 
 
 def known(jumps, observations):
-    """Which orientations are left of each, and how many events there were."""
+    """Orientations kept per observation, and the number of events."""
     found = [jumps.without(o) for o in observations]
     kept = [(o.head_quat_wxyz is not None, o.pelvis_quat_wxyz is not None) for o, _ in found]
     return kept, sum(first for _, first in found)
@@ -103,8 +103,8 @@ def test_an_orientation_that_flips_at_every_frame_is_never_used():
     assert events == 1
 
 
-def test_turns_of_people_and_steps_over_pi_are_used():
-    # 500 degrees a second, which is as fast as heads turn, all round.
+def test_human_turns_and_wraps_at_pi_are_accepted():
+    # 500 deg/s, the peak speed of heads, over full turns.
     observations = [seen(i / 10.0, np.radians(50.0) * i, -np.radians(50.0) * i) for i in range(30)]
     assert known(OrientationJumps(), observations) == ([(True, True)] * 30, 0)
     # A turn between frames that are far apart, or around a frame without orientation, is possible.
@@ -114,7 +114,7 @@ def test_turns_of_people_and_steps_over_pi_are_used():
     assert known(OrientationJumps(), observations)[1] == 0
 
 
-def test_all_else_of_an_observation_is_kept_and_a_new_flip_is_a_new_event():
+def test_a_flip_removes_the_orientation_only_and_is_one_event():
     jumps = OrientationJumps()
     jumps.without(seen(0.0, 0.0))
     found, first = jumps.without(seen(0.03, 3.0))
@@ -132,7 +132,7 @@ LATER_S = np.arange(0.5, 1.3, 0.1)
 
 
 def frame(time_s, person_id=None, aside_m=0.0, confidence=None):
-    """A person who walks past at 1.2 m/s, seen by a noisy tracker."""
+    """A person who passes at 1.2 m/s, with a noisy tracker."""
     noise_m = 0.01 * np.random.default_rng(round(1e3 * time_s)).standard_normal(3)
     head_m = np.array([2.5 + aside_m, 1.2 * time_s - 2.0, 0.4]) + noise_m
     return HeadObservation(time_s, head_m, person_id=person_id, confidence=confidence)
@@ -147,7 +147,7 @@ def assert_same(one, other):
 
 
 @pytest.mark.parametrize("make", [Walker, ConstantVelocity])
-def test_shuffled_first_frames_give_the_forecast_of_the_walk_in_order(make):
+def test_shuffled_first_frames_give_the_forecast_of_ordered_frames(make):
     in_order, predictor = make(), make()
     start = TrackStart(predictor)
     for k, each in zip((4, 2, 3, 0, 8, 6, 1, 7, 5, 9, 10, 11), FRAMES, strict=True):
@@ -160,12 +160,12 @@ def test_shuffled_first_frames_give_the_forecast_of_the_walk_in_order(make):
     ("come", "late"),
     [
         (FRAMES, frame(8.5 / 30)),  # the track is older than 0.3 s
-        (FRAMES[8:], frame(0.0)),  # it would be by this frame
-        (FRAMES[:5], FRAMES[2]),  # it is there already
+        (FRAMES[8:], frame(0.0)),  # with this frame it would be older than 0.3 s
+        (FRAMES[:5], FRAMES[2]),  # already in the track
         (FRAMES[:5], FRAMES[4]),
     ],
 )
-def test_other_late_frames_and_repeated_ones_are_refused_and_change_nothing(come, late):
+def test_other_late_and_repeated_frames_are_refused_without_effect(come, late):
     predictor = ConstantVelocity()
     start = TrackStart(predictor)
     for each in come:
@@ -176,7 +176,7 @@ def test_other_late_frames_and_repeated_ones_are_refused_and_change_nothing(come
     assert_same(predictor.forecast(LATER_S), before)
 
 
-def test_in_the_loop_late_first_frames_are_used_and_the_newest_frame_stays_the_newest():
+def test_the_loop_uses_late_first_frames_and_keeps_the_newest_time():
     bench, first_s = LoopBench(), (0.0, 1 / 30, 2 / 30)
     late = [Sighting(0.2 - 0.1 * t, HeadObservation(t, bench.head_m(t))) for t in first_s]
     log = bench.run(1.0, seen=lambda t: t not in first_s, extra=tuple(late))
@@ -217,7 +217,7 @@ def test_a_track_without_a_stated_confidence_is_extrapolated_at_once():
 
 
 @pytest.mark.parametrize("speed_m_s", [2.9, 30.0])
-def test_no_forecast_leads_farther_than_a_person_can_get(speed_m_s):
+def test_forecast_displacement_is_bounded_by_running_speed(speed_m_s):
     class Runs(ConstantVelocity):
         def forecast(self, times_s):
             own = super().forecast(times_s)
@@ -237,8 +237,8 @@ def test_no_forecast_leads_farther_than_a_person_can_get(speed_m_s):
 
 
 @pytest.mark.parametrize(("aside_m_s", "most_deg"), [(0.3, 90.0), (-3.0, 60.0)])
-def test_no_forecast_leads_farther_outside_the_picture_than_half_of_it(aside_m_s, most_deg):
-    """The camera looks to the left by 90 deg; half of its picture are 30 deg."""
+def test_forecasts_leave_the_picture_by_at_most_half_its_width(aside_m_s, most_deg):
+    """The camera points 90 deg to the left; half of its field of view is 30 deg."""
     axes = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     view = CameraView(np.array([0.1, 0.0, 0.0]), axes, (np.pi / 6, np.pi / 8))
     track, recorder = PersonTrack(ConstantVelocity(), LoopSettings()), make_recorder()

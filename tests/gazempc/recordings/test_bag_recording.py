@@ -1,4 +1,4 @@
-"""ROS 2 bags as recordings: known walks come back in the frame that is asked for, and what else is there is said."""
+"""ROS 2 bags as recordings: known walks in the requested frame, and notes on other content."""
 
 import json
 
@@ -42,18 +42,18 @@ def facing_rows(name, turn, parent=OPTICAL):
     return face_rows(name, START_S + T, WALK_OPTICAL, parent, wxyz(turn))
 
 
-# x out of the face, to the sensor; z up; seen in optical axes.
+# x out of the face, towards the sensor; z up; in optical axes.
 TO_SENSOR = Rotation.from_quat(TO_OPTICAL, scalar_first=True).inv() * Rotation.from_euler("z", np.pi)
 
 
 @pytest.mark.parametrize(("storage", "ending"), [("sqlite3", ".db3"), ("mcap", ".mcap")])
-def test_a_face_is_read_in_the_frame_of_the_sensor_also_from_a_file_alone(tmp_path, storage, ending):
+def test_a_face_is_read_in_the_sensor_frame_from_folder_or_file(tmp_path, storage, ending):
     bag = bag_of(tmp_path, facing_rows("face_a", TO_SENSOR), storage=storage, delay_s=0.05)
     walk = load(bag)
     assert (walk.kind, walk.has_robot, walk.name) == ("tracked", True, "bag")
     np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
     np.testing.assert_allclose(walk.measured.head_position_m, WALK, atol=1e-9)
-    np.testing.assert_allclose(walk.truth.head_position_m, WALK, atol=1e-6)  # a straight walk is as smooth as can be
+    np.testing.assert_allclose(walk.truth.head_position_m, WALK, atol=1e-6)  # unchanged by smoothing
     np.testing.assert_allclose(walk.delays_s, 0.05, atol=1e-6)
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", np.pi), 1e-5)
     assert "face_a, 60 frames in camera_color_optical_frame, optical axes turned" in walk.notes[0]
@@ -63,7 +63,7 @@ def test_a_face_is_read_in_the_frame_of_the_sensor_also_from_a_file_alone(tmp_pa
     assert (alone.name, alone.times_s.size) == ("alone", 60)
 
 
-def test_the_truth_is_the_track_without_its_noise(tmp_path):
+def test_the_truth_is_the_smoothed_track(tmp_path):
     noise_m = 0.02 * np.random.default_rng(0).standard_normal(WALK.shape)
     rows = face_rows("face_a", START_S + T, WALK + noise_m, "base_link")
     walk = load(bag_of(tmp_path, rows))
@@ -72,15 +72,15 @@ def test_the_truth_is_the_track_without_its_noise(tmp_path):
     assert left_m < 0.4 * np.sqrt(np.mean(noise_m**2))
 
 
-def test_the_axes_of_a_face_follow_from_where_it_looks(tmp_path):
+def test_face_axes_are_inferred_from_the_viewing_direction(tmp_path):
     """z out of the face and y down, as head pose estimators of cameras have it."""
     walk = load(bag_of(tmp_path, facing_rows("face_a", Rotation.from_euler("y", np.pi))))
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", np.pi), 1e-5)
     assert "+z is taken for the axis out of the face, -y for up" in "\n".join(walk.notes)
 
 
-def test_orientations_that_fit_no_axes_are_left_out_and_named(tmp_path):
-    # One axis is nearest to up and to the sensor alike.
+def test_orientations_with_ambiguous_axes_are_omitted_and_named(tmp_path):
+    # One axis is nearest both to up and to the sensor.
     x = np.array([-1.0, 0.0, 1.0]) / np.sqrt(2.0)
     y = np.cos(0.7) * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0) + np.sin(0.7) * np.array([0.0, 1.0, 0.0])
     seen = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
@@ -91,7 +91,7 @@ def test_orientations_that_fit_no_axes_are_left_out_and_named(tmp_path):
     assert "orientations left out" in "\n".join(walk.notes)
 
 
-def test_chains_of_fixed_and_moving_frames_lead_to_the_base(tmp_path):
+def test_static_and_moving_transforms_compose_to_the_base(tmp_path):
     # The camera stands 1.2 m high on a head that pans by 0.2 rad/s; between its messages it is interpolated.
     static = [
         (START_S, "base_link", "torso", (0.1, 0.0, 0.7), (1, 0, 0, 0)),
@@ -111,7 +111,7 @@ def test_chains_of_fixed_and_moving_frames_lead_to_the_base(tmp_path):
         read(bag, bag_frame="bas_link")
 
 
-def test_the_head_of_a_skeleton_has_its_pelvis(tmp_path):
+def test_the_pelvis_is_that_of_the_same_skeleton(tmp_path):
     # body_b walks; torso_b and head_b hang on it.
     hips = WALK - np.array([0.0, 0.0, 0.6])
     rows = face_rows("body_b", START_S + T, hips, "camera_link", wxyz(Rotation.from_euler("z", -np.pi / 2)))
@@ -129,7 +129,7 @@ def test_the_head_of_a_skeleton_has_its_pelvis(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "stamped"), [(POINT, True), ("geometry_msgs/msg/PoseWithCovarianceStamped", True), (POINT, False)]
 )
-def test_topics_of_poses_and_points(tmp_path, kind, stamped):
+def test_pose_and_point_topics_are_read(tmp_path, kind, stamped):
     """Without stamps the time of recording counts."""
     turn = wxyz(Rotation.from_euler("z", 2.0))
     rows = pose_rows(START_S + T, WALK, "camera_link", turn)
@@ -141,7 +141,7 @@ def test_topics_of_poses_and_points(tmp_path, kind, stamped):
         np.testing.assert_allclose(walk.truth.head_quat_wxyz, np.tile(turn, (60, 1)), atol=1e-9)
 
 
-def test_people_before_goals_the_longest_first_and_options_choose(tmp_path):
+def test_topics_of_people_rank_before_goals_by_length(tmp_path):
     rows = [*facing_rows("face_a", TO_SENSOR)[:30], *face_rows("face_b", START_S + T[:36], [0.3, 0.0, 1.5])]
     topics = [
         ("/goal_pose", POSE, pose_rows(START_S + T, np.tile([1.0, 0, 0], (60, 1)), "map")),
@@ -173,20 +173,20 @@ def test_faces_of_one_person_are_joined(tmp_path):
     assert "face_mia, 55 frames" in walk.notes[0]
 
 
-def test_a_face_that_is_no_longer_listed_is_not_seen(tmp_path):
+def test_an_unlisted_face_is_not_observed(tmp_path):
     lists = [(START_S + t, ("a",) if t < 1.0 else ()) for t in T]
     walk = load(bag_of(tmp_path, facing_rows("face_a", TO_SENSOR), lists=lists))
     assert walk.times_s[-1] == pytest.approx(1.0, abs=0.04)
     assert "29 messages" in "\n".join(walk.notes)
 
 
-def test_frames_without_stamps_have_the_time_of_recording(tmp_path):
+def test_frames_without_stamps_use_the_recording_time(tmp_path):
     walk = load(bag_of(tmp_path, face_rows("face_a", START_S + T, WALK, "camera_link"), stamped=False))
     np.testing.assert_allclose(walk.times_s, T, atol=1e-6)
     np.testing.assert_allclose(walk.delays_s, 0.0)
 
 
-def test_bad_rows_are_left_out_and_counted(tmp_path):
+def test_bad_rows_are_dropped_and_counted(tmp_path):
     rows = face_rows("face_a", START_S + T[:5], [0.0, 0.0, 1.0])
     rows += [rows[2], (START_S + 1, rows[0][1], "face_a", [0, 0, np.nan], (1, 0, 0, 0))]
     rows += [(START_S + 2, rows[0][1], "face_a", [0, 0, 1.0], (0, 0, 0, 0))]
@@ -211,7 +211,7 @@ def test_bags_without_a_person_and_damaged_ones_are_refused(tmp_path):
         load(mapped)
 
 
-def test_a_run_on_a_bag(tmp_path):
+def test_a_replay_of_a_bag(tmp_path):
     folder = bag_of(tmp_path, facing_rows("face_a", TO_SENSOR))
     words = ["--replay", str(folder), "--controllers", "reactive", "--no-figures", "--noise-seeds", "1"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0

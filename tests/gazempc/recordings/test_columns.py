@@ -1,4 +1,4 @@
-"""Mappings of columns: units, axes, orders, times and people, on tables whose walk is known; proposals for others."""
+"""Column mappings: units, axes, orders, times and people, on tables of a known walk; proposed mappings."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def same_turn(recording):
 
 
 @pytest.mark.parametrize(("unit", "size_m"), [("cm", 0.01), ("mm", 0.001), ("in", 0.0254), ("ft", 0.3048)])
-def test_units_of_length(tmp_path, unit, size_m):
+def test_length_units_are_converted(tmp_path, unit, size_m):
     path = write(tmp_path / "a.csv", ["when", "p.x", "p.y", "p.z"], T, Walk.head_m / size_m)
     same_head(read(path, f"t=when, head=p:{unit}"))
     named = write(tmp_path / "b.csv", ["when", f"X ({unit})", f"y_{unit}", f"z [{unit}]"], T, Walk.head_m / size_m)
@@ -48,11 +48,11 @@ def test_units_of_length(tmp_path, unit, size_m):
 @pytest.mark.parametrize(
     "columns", ["head=head", "head=HEAD", "head=[head_x, head_y, head_z]", "head=[#2,#3,#4]", "head=(head_x,head_y,#4)"]
 )
-def test_ways_to_name_columns(tmp_path, columns):
+def test_columns_are_named_by_prefix_list_or_index(tmp_path, columns):
     same_head(read(write(tmp_path / "a.csv", ["s", "Head_X", "Head_Y", "Head_Z"], T, Walk.head_m), f"t=s, {columns}"))
 
 
-def test_means_of_points_and_names_with_signs_in_them(tmp_path):
+def test_positions_are_means_of_points_and_names_may_have_signs(tmp_path):
     offset = np.array([0.05, 0.07, 0.0])
     header = ["s", *(f"left-ear.{c}" for c in "xyz"), *(f"right ear {c}" for c in "xyz")]
     path = write(tmp_path / "a.csv", header, T, Walk.head_m + offset, Walk.head_m - offset)
@@ -63,7 +63,7 @@ def test_means_of_points_and_names_with_signs_in_them(tmp_path):
 
 
 @pytest.mark.parametrize("axes", ["y-up", "optical"])
-def test_axes_of_positions_and_quaternions(tmp_path, axes):
+def test_axes_of_positions_and_quaternions_are_converted(tmp_path, axes):
     quats = quat_in_axes(axes, Walk.head)
     header = ["s", "x", "y", "z", "qw", "qx", "qy", "qz", "px", "py", "pz"]
     path = write(tmp_path / "a.csv", header, T, in_axes(axes, Walk.head_m), quats, in_axes(axes, Walk.pelvis_m))
@@ -73,7 +73,7 @@ def test_axes_of_positions_and_quaternions(tmp_path, axes):
     np.testing.assert_allclose(recording.truth.pelvis_position_m, Walk.pelvis_m, atol=1e-9)
 
 
-def test_left_handed_axes_of_unity(tmp_path):
+def test_left_handed_axes_of_unity_are_converted(tmp_path):
     """Unity: x right, y up, z forward; a turn to the left about y is negative there."""
     x, y, z = Walk.head_m.T
     half = -0.5 * (Walk.travel_rad + 0.3)
@@ -84,7 +84,7 @@ def test_left_handed_axes_of_unity(tmp_path):
     same_turn(recording)
 
 
-def test_axes_as_a_list_and_a_head_with_axes_of_its_own(tmp_path):
+def test_axes_may_be_a_list_and_differ_for_the_head(tmp_path):
     """A frame with z up, and a camera on the head: z forward, x right, y down."""
     from_optical = Rotation.from_matrix(exports.FILE_FROM_OURS["optical"].T)
     quats = (Walk.head * from_optical).as_quat()
@@ -98,7 +98,7 @@ TILTED = Rotation.from_euler("z", Walk.travel_rad[:, None]) * Rotation.from_eule
 
 
 @pytest.mark.parametrize(("way", "unit"), [("xyz", "deg"), ("ZYX", "rad"), ("zxy", "rad"), ("rotvec", "deg")])
-def test_angles(tmp_path, way, unit):
+def test_angles_are_converted(tmp_path, way, unit):
     angles = TILTED.as_rotvec() if way == "rotvec" else TILTED.as_euler(way)
     values = np.degrees(angles) if unit == "deg" else angles
     path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "a", "b", "c"], T, Walk.head_m, values)
@@ -106,7 +106,7 @@ def test_angles(tmp_path, way, unit):
     same_turns(found, TILTED, 1e-5)
 
 
-def test_roll_pitch_yaw_and_yaw_alone(tmp_path):
+def test_roll_pitch_yaw_and_yaw_only_are_converted(tmp_path):
     """Roll, pitch, yaw are about fixed axes in this order, as ROS has them."""
     rpy = TILTED.as_euler("xyz")
     path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "head_roll", "head_pitch", "head_yaw"], T, Walk.head_m, rpy)
@@ -120,7 +120,7 @@ def test_roll_pitch_yaw_and_yaw_alone(tmp_path):
 @pytest.mark.parametrize(
     "columns", ["head_forward=nose-ears", "head_left=l-r", "head_forward=nose-ears, head_left=l-r"]
 )
-def test_orientations_from_points(tmp_path, columns):
+def test_orientations_are_computed_from_points(tmp_path, columns):
     points = {"nose": [0.1, 0, 0], "ears": [0, 0, 0], "l": [0, 0.07, 0], "r": [0, -0.07, 0]}
     header = ["s", *(f"{name}_{c}" for name in points for c in "xyz")]
     path = write(tmp_path / "a.csv", header, T, *(Walk.point_m("head", offset) for offset in points.values()))
@@ -140,7 +140,7 @@ TIMES = {
 
 
 @pytest.mark.parametrize("columns", TIMES)
-def test_times(tmp_path, columns):
+def test_time_formats_are_converted(tmp_path, columns):
     path = write(tmp_path / "a.csv", ["when", "x", "y", "z"], TIMES[columns], Walk.head_m)
     recording = read(path, f"{columns}, head=[x,y,z]")
     np.testing.assert_allclose(recording.times_s - recording.times_s[0], T, atol=1e-6)
@@ -152,13 +152,13 @@ def test_times(tmp_path, columns):
     ("separator", "comma", "ending"),
     [(";", False, ".csv"), (";", True, ".txt"), ("\t", True, ".tsv"), ("  ", False, ".txt")],
 )
-def test_separators_and_decimal_commas(tmp_path, separator, comma, ending):
+def test_separators_and_decimal_commas_are_detected(tmp_path, separator, comma, ending):
     header = ["t", "head_x", "head_y", "head_z"]
     path = write(tmp_path / f"a{ending}", header, T, Walk.head_m, separator=separator, comma=comma)
     same_head(load(path))
 
 
-def test_a_table_without_header_has_numbers_for_names(tmp_path):
+def test_columns_without_header_are_named_by_index(tmp_path):
     path = write(tmp_path / "a.csv", None, T, Walk.head_m, 0 * T)
     same_head(read(path, "t=1, head=[2,3,4]"))
     with pytest.raises(RecordingError, match=r"t, head_x.*'1, 2, 3, 4, 5'.*t=1:s, head=\[2,3,4\]"):
@@ -166,13 +166,13 @@ def test_a_table_without_header_has_numbers_for_names(tmp_path):
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
-def test_encodings_of_excel(tmp_path, encoding):
+def test_encodings_of_excel_are_read(tmp_path, encoding):
     path = write(tmp_path / "a.csv", ["t", "head_x", "head_y", "head_z", "Winkel °"], T, Walk.head_m, 0 * T)
     path.write_bytes(path.read_text().encode(encoding))
     same_head(load(path))
 
 
-def test_headers_in_comments_units_in_a_second_line_and_excels_separator_line(tmp_path):
+def test_header_comments_unit_lines_and_separator_lines_are_read(tmp_path):
     rows = "".join(f"{t:.6f} {x:.9f} {y:.9f} {z:.9f}\n" for t, (x, y, z) in zip(T, 1000 * Walk.head_m, strict=True))
     commented = tmp_path / "a.txt"
     commented.write_text(f"# a walk\n# time px py pz\n{rows}")
@@ -182,7 +182,7 @@ def test_headers_in_comments_units_in_a_second_line_and_excels_separator_line(tm
     same_head(read(second, "t=time, head=p"), atol=1e-6)
 
 
-def test_several_people_by_an_id_column(tmp_path):
+def test_a_person_is_selected_by_an_id_column(tmp_path):
     ids = ["anna", "bob", "anna"] * 15
     path = write(tmp_path / "a.csv", ["s", "who", "x", "y", "z"], T, ids, Walk.head_m)
     recording = read(path, "t=s, head=[x,y,z], person=who")
@@ -210,7 +210,7 @@ def test_several_people_by_an_id_column(tmp_path):
         ("t=s, head=[x,y,z], axes=sideways", "z-up, y-up, optical, unity"),
     ],
 )
-def test_mappings_that_cannot_be_read(tmp_path, columns, named):
+def test_invalid_mappings_are_refused(tmp_path, columns, named):
     path = write(tmp_path / "a.csv", ["s", "x", "y", "z"], T, Walk.head_m)
     with pytest.raises((SettingsError, RecordingError), match=named):
         read(path, columns)
@@ -264,7 +264,7 @@ TABLES = {
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_what_is_proposed_can_be_pasted_and_taken(tmp_path, name):
+def test_a_proposed_mapping_is_valid(tmp_path, name):
     header, *columns = TABLES[name]
     path = write(tmp_path / "a.csv", [f'"{cell}"' if "," in cell else cell for cell in header], *columns)
     with pytest.raises(RecordingError, match=r"a guess: --reading\.columns ") as caught:
@@ -287,7 +287,7 @@ def test_undetermined_parts_are_named(tmp_path):
     "header",
     [["t", "a", "b", "c"], ["k", "x", "y", "z"], ["t", *(f"head{k}_{c}" for k in (1, 2) for c in "xyz")]],
 )
-def test_nothing_to_guess(tmp_path, header):
+def test_a_file_without_recognisable_columns_gets_no_proposal(tmp_path, header):
     heads = [Walk.head_m] * (len(header) // 3)
     with pytest.raises(RecordingError, match="no columns that could be the time and one head"):
         load(write(tmp_path / "a.csv", header, T, *heads), ReadOptions(guess=True))

@@ -1,4 +1,4 @@
-"""Synthetic people who stand, gesture, turn, start and stop: reproducible, in view, and moving as people do."""
+"""Synthetic people who stand, gesture, turn, start and stop: reproducible, in view, with human kinematics."""
 
 import csv
 
@@ -37,7 +37,7 @@ def test_a_recording_is_the_same_on_every_platform(people):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-8)
 
 
-def test_truth_is_complete_and_people_are_in_the_sensors_view(people):
+def test_the_truth_is_complete_and_people_are_in_view(people):
     for person in people.values():
         assert 8.0 <= person.times_s[-1] + 1 / 30 <= 10.01
         head_m, pelvis_m = person.truth.head_position_m, person.truth.pelvis_position_m
@@ -55,8 +55,8 @@ def test_standing_people_stay_on_the_spot(people):
         assert travel(person.times_s, person.truth.head_position_m).leaves, person.name
 
 
-def test_steady_walking_is_reached_and_left_within_two_to_three_steps(people):
-    """A step takes 0.5 to 0.7 s; the window of the speed adds 0.3 s."""
+def test_walking_speed_is_reached_and_left_within_3_steps(people):
+    """A step takes 0.5 to 0.7 s; the speed window adds 0.3 s."""
     for person in of(people, "start", "stop"):
         speed = speed_m_s(person.truth.pelvis_position_m)
         speed = speed if person.name.endswith("start") else speed[::-1]
@@ -87,7 +87,7 @@ def starting(rate_hz=30.0, at_s=2.0, acceleration=1.0, seconds=6.0):
 def test_the_start_is_where_the_speed_passes_0_3_m_s(rate_hz):
     found = travel(*starting(rate_hz))
     assert found.leaves
-    # At a low rate the path is known to a frame only.
+    # At a low rate the path is resolved to a frame only.
     assert found.start_s == pytest.approx(2.3, abs=max(1 / 30, 0.5 / rate_hz) + 1e-9)
 
 
@@ -100,13 +100,13 @@ def test_a_start_follows_half_a_second_at_rest(pause_s, starts):
     assert (found.start_s == pytest.approx(2.0 + pause_s, abs=0.15)) if starts else np.isnan(found.start_s)
 
 
-def test_jumps_of_a_tracker_are_no_start():
+def test_tracker_jumps_are_not_starts():
     t = np.arange(400) / 50.0
     found = travel(*along_x(0.1 * (np.arange(t.size) % 40 > 20), 50.0))
     assert not found.leaves
 
 
-def test_real_people_who_stand_and_who_walk(walks_dir, tracks_dir):
+def test_real_standing_and_walking_people_are_classified(walks_dir, tracks_dir):
     standing = (walks_dir.parent / "standing").glob("stand_*.csv")
     for path in [*standing, *sorted(tracks_dir.glob("vru_waiting*"))[::9]]:
         walk = load(path)
@@ -117,7 +117,7 @@ def test_real_people_who_stand_and_who_walk(walks_dir, tracks_dir):
         assert travel(walk.times_s, walk.truth.head_position_m).leaves, path.stem
 
 
-def test_real_pedestrians_who_start_do_so_about_3_s_into_their_track(tracks_dir):
+def test_starts_of_real_pedestrians_are_about_3_s_into_their_track(tracks_dir):
     """The data set cuts tracks 3 s before the start as its annotators see it; some walk at the beginning as well."""
     with (tracks_dir / "index.csv").open(encoding="utf-8") as stream:
         clips = [row["clip"] for row in csv.DictReader(stream) if row["kind"] == "starting"]

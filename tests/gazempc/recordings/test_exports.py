@@ -1,4 +1,4 @@
-"""Files as other programs export them: each is read without an option, and gives back the walk that was written."""
+"""Exports of other programs: each is read without options and returns the written walk."""
 
 from functools import partial
 
@@ -16,7 +16,7 @@ CAMERA_M = np.array([-2.0, 0.0, 1.2])
 
 
 def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=None, times_s=Walk.times_s):
-    """What was read is the walk; what is not given is unknown."""
+    """The recording is the walk; parts not given are unknown."""
     track = recording.measured or recording.truth
     np.testing.assert_allclose(recording.times_s - recording.times_s[0], times_s, atol=2e-6)
     np.testing.assert_allclose(track.head_position_m, head_m, atol=2e-6)
@@ -34,7 +34,7 @@ def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=N
 @pytest.mark.parametrize(
     "write", [exports.motive, partial(exports.motive, unit="Meters"), exports.vicon_object, exports.rostopic]
 )
-def test_heads_alone(tmp_path, write):
+def test_exports_with_heads_only_are_read(tmp_path, write):
     recording = load(write(tmp_path / "a.csv"))
     check(recording)
     assert not recording.has_robot
@@ -43,11 +43,11 @@ def test_heads_alone(tmp_path, write):
 @pytest.mark.parametrize(
     ("name", "write"), [("a.csv", partial(exports.motive, name="Anna", skeleton=True)), ("a.mvnx", exports.mvnx)]
 )
-def test_skeletons(tmp_path, name, write):
+def test_exports_with_skeletons_are_read(tmp_path, name, write):
     check(load(write(tmp_path / name)), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
 
 
-def test_euler_angles_of_motive_are_left_out_and_named(tmp_path):
+def test_euler_angles_of_motive_are_omitted_and_named(tmp_path):
     path = exports.motive(tmp_path / "a.csv")
     text = path.read_text().replace("Rotation Type,Quaternion", "Rotation Type,XYZ").replace(",X,Y,Z,W,", ",X,Y,Z,,")
     path.write_text(text)
@@ -56,7 +56,7 @@ def test_euler_angles_of_motive_are_left_out_and_named(tmp_path):
     assert any("Euler angles in the order XYZ" in note and "head_euler" in note for note in recording.notes)
 
 
-def test_bodies_of_which_any_may_be_the_head_are_asked_for(tmp_path):
+def test_ambiguous_rigid_bodies_require_an_option(tmp_path):
     path = exports.motive(tmp_path / "a.csv", "Anna", others=["Bob"])
     with pytest.raises(RecordingError, match=r"Anna, Bob.*--reading\.person 'Anna'"):
         load(path)
@@ -65,12 +65,12 @@ def test_bodies_of_which_any_may_be_the_head_are_asked_for(tmp_path):
         load(path, ReadOptions(person="Bib"))
 
 
-def test_rows_with_hidden_markers_are_refused_from_half_on(tmp_path):
+def test_hidden_markers_in_half_of_the_rows_are_refused(tmp_path):
     with pytest.raises(RecordingError, match=r"25 of 45 rows.*at least 50%"):
         load(exports.motive(tmp_path / "b.csv", blank=range(25)))
 
 
-def test_vicon_markers(tmp_path):
+def test_vicon_markers_are_read(tmp_path):
     recording = load(exports.vicon_markers(tmp_path / "a.csv", lost=[3]))
     known = np.arange(exports.FRAMES) != 3
     np.testing.assert_allclose(recording.truth.head_position_m, Walk.head_m, atol=2e-6)
@@ -85,7 +85,7 @@ def test_vicon_markers(tmp_path):
     ("kind", "frame"),
     [("pose", OPTICAL), ("point", "base_link"), ("transform", "map"), ("covariance", OPTICAL)],
 )
-def test_ros2_topic_echo(tmp_path, kind, frame):
+def test_ros2_topic_echo_is_read(tmp_path, kind, frame):
     recording = load(exports.ros2_echo(tmp_path / "a.csv", kind, frame))
     check(recording, Walk.head_m - [-1.0, 0.0, 1.2], None if kind == "point" else Walk.head * exports.BACK)
     assert recording.times_s[0] == pytest.approx(1_700_000_000.9, abs=1e-6)
@@ -94,7 +94,7 @@ def test_ros2_topic_echo(tmp_path, kind, frame):
 
 
 @pytest.mark.parametrize("write", [exports.obsmat, exports.tracks])
-def test_tracks_of_pedestrians(tmp_path, write):
+def test_pedestrian_tracks_are_read(tmp_path, write):
     path = write(tmp_path / "obsmat.txt")
     recording = load(path)
     head_m = np.outer(np.arange(24), [0.5, 0.1, 0.0]) + np.array([5.0, 0.0, 1.6])
@@ -104,7 +104,7 @@ def test_tracks_of_pedestrians(tmp_path, write):
 
 
 @pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}", None])
-def test_mediapipe_world_landmarks(tmp_path, names):
+def test_mediapipe_world_landmarks_are_read(tmp_path, names):
     """In columns, or with a row for each landmark."""
     path = tmp_path / "a.csv"
     recording = load(exports.mediapipe(path, names) if names else exports.mediapipe_long(path))
@@ -113,7 +113,7 @@ def test_mediapipe_world_landmarks(tmp_path, names):
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])
-def test_openpose(tmp_path, unit_m):
+def test_openpose_folders_are_read(tmp_path, unit_m):
     folder = exports.openpose(tmp_path / "walk", lost=[20], unit_m=unit_m)
     recording = load(folder, ReadOptions(columns="t=frame:30hz"))
     seen = np.arange(exports.FRAMES) != 20

@@ -1,4 +1,4 @@
-"""BVH: hand-computed skeletons and those of many programs come back; damage is named with file, line, remedy."""
+"""BVH: hand-computed skeletons and those of many programs; errors with file, line and remedy."""
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def test_y_up_zxy_by_hand(tmp_path):
     assert (recording.name, recording.labels.subject, recording.labels.group) == ("mia_01", "mia", "standing")
 
 
-def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path):
+def test_a_skeleton_lying_in_the_rest_pose_is_turned_upright(tmp_path):
     """The Y-up skeleton in a Z-up file: every frame turns the hips by +90 deg about x."""
     head = Y_UP.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
     frames = [[0, -1.0 * k, 95, 90, 30, 0, *[0.0] * 12] for k in range(N)]
@@ -85,7 +85,7 @@ def test_skeleton_that_lies_at_rest_and_is_turned_upright_in_each_frame(tmp_path
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[0], expected, atol=1e-12)
 
 
-def test_options_override_what_the_file_says(tmp_path):
+def test_options_override_values_of_the_file(tmp_path):
     path = write(tmp_path / "a.bvh", Y_UP, y_up_frames())
     usual = load(path)
 
@@ -109,7 +109,7 @@ def test_options_override_what_the_file_says(tmp_path):
         with_options(bvh_up_axis="z")
 
 
-def test_a_person_who_sits_has_the_unit_of_the_rest_pose(tmp_path):
+def test_the_unit_of_a_sitting_person_is_that_of_the_rest_pose(tmp_path):
     """Legs lifted by 60 degrees: 1.15 m high in centimetres, as a person in no unit; 1.6 m at rest."""
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, 60, 0, 0, 60, 0, *[0.0] * 6] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
@@ -117,7 +117,7 @@ def test_a_person_who_sits_has_the_unit_of_the_rest_pose(tmp_path):
     assert "unit cm (1.60 m high in the rest pose)" in recording.notes[0]
 
 
-def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path):
+def test_horizontal_legs_in_the_rest_pose_give_no_height(tmp_path):
     """Legs point backwards at rest, where 70 units of height would be a person in inches, and down in the motion."""
     legs_back = Y_UP.replace("OFFSET 0.0 -90.0 0.0", "OFFSET 0.0 0.0 -90.0")
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, -90, 0, 0, -90, 0, *[0.0] * 6] for k in range(N)]
@@ -126,7 +126,7 @@ def test_legs_that_lie_at_rest_are_no_feet_and_no_height(tmp_path):
     assert "facing z at rest (by left and right joints)" in recording.notes[0]
 
 
-def test_first_frame_in_the_rest_pose_is_left_out(tmp_path):
+def test_a_first_frame_in_the_rest_pose_is_dropped(tmp_path):
     frames = y_up_frames()
     recording = load(write(tmp_path / "a.bvh", Y_UP, [[0.0] * len(frames[0]), *frames]))
     plain = load(write(tmp_path / "b.bvh", Y_UP, frames))
@@ -217,10 +217,10 @@ EXPORTS = {
 
 @pytest.mark.parametrize("name", EXPORTS)
 def test_exports_are_read_and_one_line_states_what_was_inferred(tmp_path, name):
-    tree, how, said = EXPORTS[name]
+    tree, how, expected_words = EXPORTS[name]
     recording = load(sk.write_bvh(tmp_path / "walk.bvh", tree, **how))
     assert_walk(recording)
-    for words in [*said, "the options bvh_unit_m, bvh_up_axis, bvh_head_joint"]:
+    for words in [*expected_words, "the options bvh_unit_m, bvh_up_axis, bvh_head_joint"]:
         assert words in recording.notes[0]
 
 
@@ -228,7 +228,7 @@ def side_exchanged(name):
     return name.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
 
 
-def test_names_and_feet_that_contradict_are_asked_about(tmp_path):
+def test_contradictory_names_and_feet_require_an_option(tmp_path):
     path = sk.write_bvh(tmp_path / "walk.bvh", sk.renamed(sk.XSENS, side_exchanged))
     with pytest.raises(RecordingError, match=r"-z at rest by left and right.*z by the feet.*bvh_facing"):
         load(path)
@@ -241,7 +241,7 @@ def test_names_and_feet_that_contradict_are_asked_about(tmp_path):
 NO_FEET = sk.body("0", ["1", "2"], "Head", ("a{}", "b{}"), "1 2 3", "4 5 6 7")
 
 
-def test_without_feet_a_walk_shows_the_facing_and_a_standing_person_is_asked_about(tmp_path):
+def test_without_feet_a_walk_gives_the_facing_and_standing_requires_an_option(tmp_path):
     recording = load(sk.write_bvh(tmp_path / "walk.bvh", NO_FEET))
     assert_walk(recording)
     assert "facing z at rest (by the direction of travel)" in recording.notes[0]
@@ -262,7 +262,7 @@ def test_without_a_head_the_message_names_the_option(tmp_path):
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_two_heads_are_asked_about(tmp_path, named):
+def test_two_heads_require_an_option(tmp_path, named):
     hips, offset, grown = sk.XSENS if named else sk.NUMBERED
     head = "Head" if named else sk.NUMBERED_HEAD
     second = ("Prop", (0.0, 0.0, 0.2), [("Prop_Head" if named else "Bone_91", (0.3, 0.0, 0.4), (0.0, 0.0, 0.1))])
@@ -273,7 +273,7 @@ def test_two_heads_are_asked_about(tmp_path, named):
     assert_walk(load(path, ReadOptions(bvh_head_joint=f"A_{head}")))
 
 
-def test_two_units_are_asked_about(tmp_path):
+def test_two_units_require_an_option(tmp_path):
     # Positions of joints in inches in a file with offsets in cm, as scaled retargeting leaves it.
     path = sk.write_bvh(tmp_path / "walk.bvh", sk.XSENS, positions_of=1 / 2.54)
     with pytest.raises(RecordingError, match=r"inch by the motion, cm by the rest pose.*bvh_unit_m"):

@@ -1,4 +1,4 @@
-"""Azure Kinect JSON: known motion comes back in level axes; damage is named with file, place and remedy."""
+"""Azure Kinect JSON: known motion in level axes; errors with file, place and remedy."""
 
 import json
 
@@ -19,7 +19,7 @@ def write(path, content):
 
 
 @pytest.mark.parametrize(("pitch", "joint"), [(12.0, "nose"), (-20.0, "head")])
-def test_a_known_walk_is_read_back_level(tmp_path, pitch, joint):
+def test_a_known_walk_is_read_back_in_level_axes(tmp_path, pitch, joint):
     path = write(tmp_path / "eva_R3.json", kinect(pitch))
     options = ReadOptions.model_validate({"kinect_camera_pitch_deg": pitch, "kinect_head_joint": joint})
     recording = load(path, options)
@@ -34,7 +34,7 @@ def test_a_known_walk_is_read_back_level(tmp_path, pitch, joint):
     assert (recording.name, recording.labels.subject, recording.labels.group) == ("eva_R3", "eva", "straight")
 
 
-def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path):
+def test_missing_bodies_are_gaps_inside_and_trimmed_at_the_ends(tmp_path):
     content = kinect()
     for k in [0, 1, 10, 11, 12, FRAMES - 1]:
         content["frames"][k]["bodies"] = []
@@ -47,7 +47,7 @@ def test_body_out_of_sight_in_the_middle_and_at_the_ends(tmp_path):
     np.testing.assert_allclose(recording.measured.pelvis_position_m[-1], Walk.pelvis_m[FRAMES - 2], atol=1e-6)
 
 
-def test_of_several_bodies_the_longest_or_the_wanted_one_is_read(tmp_path):
+def test_the_longest_or_the_selected_body_is_read(tmp_path):
     content, other = kinect(), kinect(body_id=3, shift_m=[0.0, -2.0, 0.0])
     for frame, more in list(zip(content["frames"], other["frames"], strict=True))[5:30]:
         frame["bodies"].insert(0, more["bodies"][0])
@@ -77,7 +77,7 @@ def _turn_noses(content):
 
 
 def _put(value, *keys):
-    """Another value at a place; None takes the key away."""
+    """Replace a value; None removes the key."""
 
     def change(content):
         for key in keys[:-1]:

@@ -1,4 +1,4 @@
-"""CSV, Parquet and arrays: what is written or given is read back; all damage is named with file, place and remedy."""
+"""CSV, Parquet and arrays: round trips; errors with file, place and remedy."""
 
 import csv
 
@@ -56,7 +56,7 @@ PARTS = {"head_quat_wxyz": slice(4, 8), "pelvis_position_m": slice(8, 11), "pelv
     ("ending", "given"),
     [("csv", ()), ("csv", tuple(PARTS)), ("parquet", ("pelvis_position_m",)), ("parquet", tuple(PARTS))],
 )
-def test_tables_are_read_back_and_missing_columns_are_unknown_parts(tmp_path, ending, given):
+def test_tables_are_read_back_and_missing_columns_give_unknown_parts(tmp_path, ending, given):
     values = walk_values()
     kept = [k for k in range(15) if k < 4 or any(k in range(15)[PARTS[name]] for name in given)]
     path = tmp_path / f"anna_1.{ending}"
@@ -93,7 +93,7 @@ def test_other_units_and_another_axis_up_are_refused(tmp_path, change, named):
     assert_refused(write_rows(tmp_path / "a.csv", table_rows(change(walk_values()))), *named)
 
 
-def test_a_thousand_frames_a_second_with_unix_times_are_read(tmp_path):
+def test_unix_times_at_1000_hz_are_read(tmp_path):
     """The spacing of double-precision numbers at 1.7e9 is 2.4e-7."""
     t = 1_700_000_000.0 + np.arange(2000) / 1000.0
     head_m = np.column_stack([1.2 * (t - t[0]), np.zeros(2000), np.full(2000, 1.7)])
@@ -157,7 +157,7 @@ def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path):
         (b't,x\n"' + b"x" * 200_000, "field larger"),
     ],
 )
-def test_files_that_are_no_text_tables(tmp_path, data, named):
+def test_files_other_than_text_tables_are_refused(tmp_path, data, named):
     path = tmp_path / "walk.csv"
     path.write_bytes(data)
     with pytest.raises(RecordingError, match=named):
@@ -201,7 +201,7 @@ TIMES_S = np.arange(120) / 30.0
 HEAD_M = np.stack([0.5 * TIMES_S, 1.0 + 0.0 * TIMES_S, 1.7 + 0.02 * np.sin(11.0 * TIMES_S)], axis=1)
 
 
-def test_what_is_given_is_kept():
+def test_given_arrays_are_kept():
     quats = Rotation.from_euler("z", np.linspace(0.0, 90.0, 120)[:, None], degrees=True).as_quat(scalar_first=True)
     pelvis_m = HEAD_M - [0.1, 0.0, 0.7]
     made = gz.recording_from_arrays(
@@ -235,7 +235,7 @@ def spoilt(array, row, value):
         ({"head_quat_wxyz": [1.0, 1.0, 0.0, 0.0]}, "head_quat_wxyz: not a unit quaternion"),
     ],
 )
-def test_what_is_wrong_is_named(arguments, named):
+def test_invalid_arrays_are_reported(arguments, named):
     with pytest.raises(RecordingError) as raised:
         gz.recording_from_arrays(**{"name": "mine", "times_s": TIMES_S, "head_position_m": HEAD_M, **arguments})
     assert str(raised.value).startswith("mine: ")

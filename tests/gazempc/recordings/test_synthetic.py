@@ -1,4 +1,4 @@
-"""The synthetic data set: exact reproducibility, people who walk like people, and the room that they walk in."""
+"""The synthetic data set: exact reproducibility, human gait, and the room."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def travel_rate(walk):
 
 
 def lead_s(early, late):
-    """By how much `early` leads `late`: the peak of their cross-correlation, within 0.6 s."""
+    """Time by which `early` leads `late`: the peak of their cross-correlation, within 0.6 s."""
     lags = np.arange(-18, 19)
     count = len(early)
     similarity = [
@@ -86,7 +86,7 @@ def noise_m(walk):
     return distance, along, (error[:, :2] * left).sum(axis=1)
 
 
-def test_position_noise_is_that_of_the_depth_camera(walks):
+def test_position_noise_equals_that_of_the_depth_camera(walks):
     parts = [noise_m(walk) for walk in walks.values()]
     biases = np.array([along.mean() for _, along, _ in parts])
     assert np.abs(biases).max() < 0.011 + 0.005  # the noise leaves about 1.4 mm in a mean over a clip
@@ -105,7 +105,7 @@ def test_position_noise_is_that_of_the_depth_camera(walks):
 
 
 # Size of the room, number of desks and camera are those of Tamaru et al. (2021); the layout is assumed, x forward and y
-# left of the sensor. Partitions stand just outside of what the camera sees.
+# left of the sensor. Partitions stand just outside of the view.
 ROOM_M = np.array([[-0.3, -4.5], [7.0, 4.5]])
 PARTITIONS_M = np.array([[[1.5, 3.45], [3.2, 3.45]], [[1.5, -3.45], [3.2, -3.45]], [[5.7, -0.8], [5.7, 0.8]]])
 SENSOR_RANGE_M, SENSOR_HALF_ANGLE_RAD = (0.5, 5.46), np.radians(37.5)
@@ -130,7 +130,7 @@ def test_every_walk_keeps_clear_of_walls_and_partitions(walks):
         assert np.linalg.norm(path[:, None] - partition_points(), axis=-1).min() >= CLEARANCE_M
 
 
-def test_every_walk_is_in_the_sensors_view_and_no_partition_is(walks):
+def test_every_walk_is_in_view_and_no_partition_is(walks):
     def in_view(x, y, distance):
         nearest_m, farthest_m = SENSOR_RANGE_M
         beside = np.abs(np.arctan2(y, x)) <= SENSOR_HALF_ANGLE_RAD
@@ -142,7 +142,7 @@ def test_every_walk_is_in_the_sensors_view_and_no_partition_is(walks):
     assert not in_view(x, y, np.hypot(x, y)).any()
 
 
-def test_routes_end_on_the_side_to_which_they_go(walks):
+def test_routes_end_on_their_named_side(walks):
     assert DESKS.keys() == ROUTES.keys()
     for name, (start, end) in DESKS.items():
         path = walks[f"subject01_{name}"].truth.head_position_m

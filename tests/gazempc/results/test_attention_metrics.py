@@ -1,4 +1,4 @@
-"""Metrics of whom the gaze was on, of the picture and of starts, against logs whose figures are known by hand."""
+"""Metrics of attention, framing and starts, against logs with metrics known by hand."""
 
 import dataclasses
 from dataclasses import replace
@@ -31,8 +31,8 @@ def test_a_switch_without_contact_before_the_next_one_is_counted():
     assert "1 without contact" in attention_lines(found)[0]
 
 
-def test_overshoot_is_that_of_the_worst_switch():
-    """Past the first person by 0.5 deg, past the second by 3 deg; a person who was near from the start counts not."""
+def test_overshoot_is_the_maximum_over_switches():
+    """Overshoot of 0.5 deg at the first person, 3 deg at the second; a switch that starts near is excluded."""
     error_deg = error_in(12.0, 20.0)
     time_s = TICK_S * np.arange(error_deg.size)
     error_deg[time_s >= 5.0] = -0.5
@@ -43,7 +43,7 @@ def test_overshoot_is_that_of_the_worst_switch():
     assert np.isnan(measure_attention(attention_log(error_deg, TWO_SWITCHES[:1])).switch_overshoot_deg)
 
 
-def test_looks_away_against_their_schedule():
+def test_look_away_delays_are_relative_to_the_schedule():
     """Of 10 s, 9 are scored; the gaze leaves 0.1 s late and is back 0.2 s late, then 0.1 s early and 0.1 s late."""
     planned = ((2.0, 3.0, "listening"), (6.0, 8.0, "listening"))
     log = attention_log(error_in(10.0, 15.0, (0.0, 2.1), (3.2, 5.9), (8.1, 10.1)), away=planned)
@@ -70,7 +70,7 @@ def test_with_an_unknown_true_head_only_switches_are_counted():
 
 
 def log_of(pan_deg, framing, captures_s=()):
-    """6 s of a head straight ahead, seen by a camera with a given pan."""
+    """6 s of a head straight ahead, with a camera at a given pan."""
     time_s = np.arange(0.0, 6.0, TICK_S)
     joints = np.radians(np.stack([pan_deg(time_s), np.zeros(time_s.size)], axis=-1))
     log = attention_log([0.0], captures_s=captures_s, settings={"framing": framing.model_dump(mode="json")})
@@ -85,19 +85,19 @@ def test_time_in_zone_is_the_share_of_ticks_within_half_the_zone():
     assert metrics.time_in_zone == pytest.approx(2.0 / 5.0, abs=0.01)
 
 
-def test_headroom_moves_the_zone():
+def test_headroom_shifts_the_zone():
     assert gz.measure(log_of(np.zeros_like, FRAMING)).time_in_zone == 1.0
     high = FRAMING.model_copy(update={"headroom": 0.3})  # 6.8 deg of 34, the zone has 3.4
     assert gz.measure(log_of(np.zeros_like, high)).time_in_zone == 0.0
 
 
-def test_without_a_framing_of_one_person_the_zone_is_not_known():
+def test_without_a_framed_person_time_in_zone_is_nan():
     for subject in ("no", "all"):
         off = FRAMING.model_copy(update={"subject": subject})
         assert np.isnan(gz.measure(log_of(np.zeros_like, off)).time_in_zone)
 
 
-def test_reversals_and_travel_of_a_swing():
+def test_reversals_and_travel_of_a_sine():
     """5 s of a sine of 2 deg and 1 s: two reversals and 8 deg a second."""
     metrics = gz.measure(log_of(lambda t: 2.0 * np.sin(2.0 * np.pi * t), FRAMING))
     assert metrics.reversals_per_min == pytest.approx(120.0, rel=0.11)
@@ -117,7 +117,7 @@ def test_time_to_reacquire_counts_from_the_first_observation_after_a_gap():
 
 
 def gazing(off_deg, y_m=0.0, captures_s=(), **changes):
-    """A run whose gaze is off the head by angles about the vertical, a tick each; y of the head may vary."""
+    """A run with the given gaze error about the vertical at each tick; y of the head may vary."""
     count = off_deg.size
     head_m = np.column_stack([np.full(count, 2.5), np.full(count, 1.0) * y_m, np.zeros(count)])
     pan_rad = np.arctan2(head_m[:, 1], head_m[:, 0]) + np.deg2rad(off_deg)
@@ -126,7 +126,7 @@ def gazing(off_deg, y_m=0.0, captures_s=(), **changes):
 
 
 def starter(seconds=8.0):
-    """Times, and y of one who starts at 2.0 s with 1 m/s^2 up to 1 m/s, whose speed passes 0.3 m/s at 2.3 s."""
+    """Times and y of a person who starts at 2.0 s with 1 m/s^2 up to 1 m/s: 0.3 m/s at 2.3 s."""
     t = TICK_S * np.arange(round(seconds / TICK_S))
     ramp_s = np.clip(t - 2.0, 0.0, 1.0)
     return t, 0.5 * ramp_s**2 + np.maximum(t - 3.0, 0.0)
@@ -144,7 +144,7 @@ def starter(seconds=8.0):
         ([(2.5, 7.7)], 5.7),  # contact of 0.3 s at the end is not sustained
     ],
 )
-def test_contact_after_a_start(off, expected_s):
+def test_time_to_contact_after_a_start(off, expected_s):
     t, y_m = starter()
     off_deg = np.zeros(t.size)
     for from_s, to_s in off:
@@ -161,7 +161,7 @@ def test_a_planned_look_away_does_not_lose_contact():
 
 
 def standing(off_m, seconds=12.0, rate_hz=30.0):
-    """A run whose forecasts for 0.5 s lie aside of the observed head, by `off_m` of the capture times."""
+    """A run whose 0.5 s forecasts have a lateral error, `off_m` of the capture times."""
     captures_s = np.arange(0.0, seconds, 1.0 / rate_hz)
     observed_m = np.tile([2.5, 0.0, 0.0], (captures_s.size, 1))
     means_m = np.repeat(observed_m[:, None], 3, axis=1)
@@ -182,7 +182,7 @@ def standing(off_m, seconds=12.0, rate_hz=30.0):
         ([(2.0, 3.0)], (0.0, 0.0, 5.0), 0),  # upward
     ],
 )
-def test_false_starts_are_episodes_a_minute(episodes, size_m, count):
+def test_false_starts_are_counted_per_minute(episodes, size_m, count):
     def off_m(capture_s):
         inside = np.zeros(capture_s.size, dtype=bool)
         for from_s, to_s in episodes:

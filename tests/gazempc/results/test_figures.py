@@ -1,4 +1,4 @@
-"""Figures and animation: they exist, are not blank, and say what the metrics say."""
+"""Figures and animation: not blank, and consistent with the metrics."""
 
 from dataclasses import replace
 
@@ -56,7 +56,7 @@ def test_head_offset_points_right_and_up(logs):
 
 
 @pytest.mark.parametrize(("draw", "count", "size"), [(angles, 4, (960, 900)), (overview, 1, (1600, 900))])
-def test_figure_is_a_picture_that_is_not_blank(logs, draw, count, size, tmp_path):
+def test_the_figure_is_not_blank(logs, draw, count, size, tmp_path):
     draw(dict(list(logs.items())[-count:]), tmp_path / "figure.png")
     pixels = _pixels(tmp_path / "figure.png")
     assert pixels.shape[1] >= size[0]
@@ -66,7 +66,7 @@ def test_figure_is_a_picture_that_is_not_blank(logs, draw, count, size, tmp_path
 
 
 @pytest.mark.slow
-def test_animation_runs_in_real_time(logs, tmp_path):
+def test_the_animation_has_the_duration_of_the_run(logs, tmp_path):
     path = tmp_path / "gaze.gif"
     animate(dict(list(logs.items())[:2]), path)
     times_s = frame_times(float(logs["reactive"].time_s[-1]))
@@ -78,7 +78,7 @@ def test_animation_runs_in_real_time(logs, tmp_path):
     assert durations_ms == [FRAME_MS] * (len(times_s) - 1) + [LAST_FRAME_MS]
     assert frames[0].shape == (300, 450, 3)
     assert np.abs(frames[-1] - frames[0]).max() > 50
-    # Compression keeps the unchanged: the corner is the background in the last frame, too.
+    # Inter-frame compression: the corner is background in the last frame, too.
     assert (frames[-1][-2:, -2:] == 255).all()
 
 
@@ -89,7 +89,7 @@ def _known_at(logs, every):
     return {"mpc": replace(log, head_true_base_m=np.where(known[:, None], log.head_true_base_m, np.nan))}
 
 
-def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs):
+def test_a_sparse_true_head_is_drawn_as_points_with_a_note(logs):
     rare = _known_at(logs, 12)
     head = shown_head(rare["mpc"])
     assert head.rare
@@ -110,7 +110,7 @@ def test_a_head_known_at_rare_frames_is_drawn_as_points_with_a_note(logs):
     assert np.isfinite(error_deg).sum() == head.known.sum()
 
 
-def test_an_unknown_head_is_drawn_as_observed_with_a_note(logs, tmp_path):
+def test_an_unknown_true_head_is_drawn_as_observed_with_a_note(logs, tmp_path):
     log = logs["mpc"]
     live = {"mpc": replace(log, run=log.run.model_copy(update={"kind": "live"}))}
     unknown = _known_at(live, 0)
@@ -137,10 +137,10 @@ def test_head_and_body_point_along_their_rotations():
     joints = dict(zip(log.neck.joint_names, log.joint_position_rad[k], strict=True))
     body = Rotation.from_euler("z", joints["body_yaw"])
     head = body * Rotation.from_euler("z", joints["pan"]) * Rotation.from_euler("y", -joints["tilt"])
-    wanted = {"robot's head": head.apply([1, 0, 0]), "robot's body": body.apply([1, 0, 0])}
+    expected = {"robot's head": head.apply([1, 0, 0]), "robot's body": body.apply([1, 0, 0])}
     found = {part.label: part.direction[k] for part in parts(log)}
-    assert found.keys() == wanted.keys()
-    for label, direction in wanted.items():
+    assert found.keys() == expected.keys()
+    for label, direction in expected.items():
         np.testing.assert_allclose(found[label], direction, atol=1e-12)
 
 
@@ -153,7 +153,7 @@ def attention():
     return replace(made, head_true_base_m=heads_m)
 
 
-def test_the_time_lines_have_the_colours_of_the_people_and_the_share_is_the_metric(attention, tmp_path):
+def test_time_lines_have_person_colours_and_the_share_of_the_metric(attention, tmp_path):
     attended({"reactive": attention, "mpc": attention}, tmp_path / "attended.png")
     with Image.open(tmp_path / "attended.png") as image:
         hues = {colors.to_hex(np.array(pixel[:3]) / 255) for _, pixel in image.convert("RGB").getcolors(1 << 20)}

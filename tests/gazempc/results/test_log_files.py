@@ -1,4 +1,4 @@
-"""Files of a log: written and read to the last bit, joined, as tables, and as MCAP read by the `mcap` library."""
+"""Files of a log: bit-exact round trips, joins, tables, and MCAP read by the `mcap` library."""
 
 import dataclasses
 import json
@@ -60,7 +60,7 @@ def same(one, other):
             assert a == b, field.name
 
 
-def test_the_file_is_the_log_to_the_last_bit(log, path, tmp_path):
+def test_a_log_is_read_back_bit_for_bit(log, path, tmp_path):
     log.save(tmp_path / "run.npz")
     for again in (gz.load_log(path), gz.load_log(tmp_path / "run.npz")):
         same(again, log)
@@ -71,7 +71,7 @@ def test_the_file_is_the_log_to_the_last_bit(log, path, tmp_path):
 
 
 @pytest.mark.parametrize("topic", ["ticks", "observations", "forecasts"])
-def test_every_number_is_that_of_the_tables(log, path, topic):
+def test_mcap_values_equal_those_of_the_tables(log, path, topic):
     """The tables that pandas gets are tested against the log."""
     frame = getattr(log.to_pandas(), topic)
     found = numbers(path, f"/{topic}")
@@ -87,17 +87,17 @@ def test_every_number_is_that_of_the_tables(log, path, topic):
     assert [at for at, _ in found] == nanoseconds(times_s[topic])
 
 
-def test_metrics_are_the_errors_of_the_gaze(log, path):
+def test_mcap_gaze_errors_equal_the_metrics(log, path):
     np.testing.assert_allclose(column(path, "/metrics", "gaze_error_deg"), gaze_error_deg(log), rtol=1e-12)
     newest = np.searchsorted(log.arrival_time_s, log.time_s + 1e-9, side="right") - 1
     observed = np.where((newest < 0)[:, None], np.nan, log.head_observed_base_m[newest])
     expected = np.rad2deg(gaze_error_rad(log.neck.geometry, log.joint_position_rad, observed))
     np.testing.assert_allclose(column(path, "/metrics", "gaze_to_observed_deg"), expected, rtol=1e-12)
-    # What only a run itself knows is not made up.
+    # Values available in a run only are absent.
     assert np.isnan(column(path, "/metrics", "late_ms")).all()
 
 
-def test_frames_lead_from_the_base_to_the_eye(log, path):
+def test_transforms_compose_from_base_to_eye(log, path):
     """The chain of transforms is the kinematics of the neck, with its eyes and its body."""
     of = dict(zip(nanoseconds(log.time_s), log.joint_position_rad, strict=True))
     sent = [(at, m.transforms) for at, m in decoded(path, "/tf") if m.transforms[-1].child_frame_id != "person"]
@@ -108,8 +108,8 @@ def test_frames_lead_from_the_base_to_the_eye(log, path):
         np.testing.assert_allclose(turn.apply([1.0, 0.0, 0.0]), direction, atol=1e-12)
 
 
-def test_the_camera_stands_where_it_is_mounted(log, tmp_path):
-    """Its frame takes an observation where the run takes it."""
+def test_the_camera_frame_equals_the_mount(log, tmp_path):
+    """Its transform places an observation as the run does."""
     mount = Mount(on="head", position_m=(0.05, 0.0, 0.1), roll_pitch_yaw_deg=(3.0, 10.0, -20.0))
     run = log.run.model_copy(update={"settings": {"mount": mount.model_dump(mode="json")}})
     write_mcap(cut(dataclasses.replace(log, run=run), 0.0, 1.3), tmp_path / "mounted.mcap")
@@ -122,7 +122,7 @@ def test_the_camera_stands_where_it_is_mounted(log, tmp_path):
     np.testing.assert_allclose(at_m + turn.apply(seen.head_position_base_m), expected, atol=1e-12)
 
 
-def test_what_is_drawn_is_what_was_seen_and_forecast(log, path):
+def test_the_scene_shows_observations_and_forecasts(log, path):
     found = entities(path)
     assert set(found) == {"person", "observed", "forecast", "gaze"}
     known = np.isfinite(log.forecast_mean_base_m).all(axis=(1, 2))
@@ -141,7 +141,7 @@ def test_what_is_drawn_is_what_was_seen_and_forecast(log, path):
 
 
 @pytest.mark.slow
-def test_a_replay_writes_its_plans(tmp_path, capsys):
+def test_the_file_of_a_replay_has_its_plans(tmp_path, capsys):
     words = ["--replay", "subject03_R1", "--controllers", "lookahead", "--predictor", "constant_velocity"]
     words += ["--noise-seeds", "1", "--log", "mcap", "--no-figures", "--out", str(tmp_path)]
     assert run_main(words) == 0
@@ -157,7 +157,7 @@ def test_a_replay_writes_its_plans(tmp_path, capsys):
     assert 60.0 < np.nanmedian(latency_ms) < 110.0
 
 
-def test_a_log_and_a_bag_are_told_apart(path, tmp_path):
+def test_a_log_and_a_bag_are_distinguished(path, tmp_path):
     assert has_log(path)
     bag = write_bag(tmp_path / "bag", face_rows("face_a", np.arange(9) / 30.0, [0.0, 0.0, 1.5]), "mcap")
     (file,) = bag.glob("*.mcap")
@@ -165,19 +165,19 @@ def test_a_log_and_a_bag_are_told_apart(path, tmp_path):
     assert not has_log(tmp_path / "none.mcap")
 
 
-def test_the_parts_of_a_log_join_to_the_log(log):
+def test_parts_of_a_log_join_to_the_whole(log):
     joined = join_logs([cut(log, 0.0, 0.5), cut(log, 0.5, 1.5), cut(log, 1.5, np.inf)])
     same(joined, log)
 
 
-def test_of_each_event_the_first_exception_and_all_that_came():
+def test_events_keep_their_first_exception_and_their_count():
     first, other = Fault("forecast_failed", 3, "TypeError: a", "trace a"), Fault("late_plan", 1, "OSError", "b")
     again = Fault("forecast_failed", 4, "ValueError: c", "trace c")
     assert merge_faults([first, other, again]) == (Fault("forecast_failed", 7, "TypeError: a", "trace a"), other)
     assert first.line == "forecast_failed (3 x): TypeError: a"
 
 
-def test_pandas_tables_have_a_row_for_each(log):
+def test_pandas_tables_have_a_row_for_each_record(log):
     frames = log.to_pandas()
     assert len(frames.ticks) == log.time_s.size
     np.testing.assert_array_equal(frames.ticks["head_true_y_base_m"], log.head_true_base_m[:, 1])
@@ -188,7 +188,7 @@ def test_pandas_tables_have_a_row_for_each(log):
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet"])
-def test_tables_are_read_back_to_the_last_bit(log, tmp_path, to):
+def test_tables_are_read_back_bit_for_bit(log, tmp_path, to):
     paths = export(log, to, tmp_path / "run")
     read = (lambda p: pd.read_csv(p, float_precision="round_trip")) if to == "csv" else pd.read_parquet
     for path, frame in zip(paths, log.to_pandas(), strict=True):
@@ -198,7 +198,7 @@ def test_tables_are_read_back_to_the_last_bit(log, tmp_path, to):
             np.testing.assert_array_equal(again[name], frame[name])
 
 
-def test_the_command_writes_beside_the_log(log, tmp_path, capsys):
+def test_the_command_writes_the_mcap_file_beside_the_log(log, tmp_path, capsys):
     cut(log, 0.0, 0.5).save(tmp_path / "run.npz")
     assert export_main([str(tmp_path / "run.npz"), "--to", "mcap"]) == 0
     assert capsys.readouterr().out.strip() == str(tmp_path / "run.mcap")

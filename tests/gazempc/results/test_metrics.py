@@ -1,4 +1,4 @@
-"""Every figure of the table, computed again from the log by other means."""
+"""Every metric of the table, recomputed from the log independently."""
 
 import dataclasses
 
@@ -39,7 +39,7 @@ def independent_error_deg(log):
     return np.array(errors)
 
 
-def test_gaze_figures(log):
+def test_gaze_metrics(log):
     m = measure(log)
     error = independent_error_deg(log)
     scored = error[200:]
@@ -57,8 +57,8 @@ def test_gaze_figures(log):
     assert m.time_to_stable_contact_s == pytest.approx(log.time_s[lasting[0]])
 
 
-def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
-    """By hand: 30 deg aside, a damped swing about straight ahead; only the second that follows arrival counts."""
+def test_overshoot_of_a_damped_oscillation_about_a_still_head(log):
+    """By hand: from 30 deg, a damped oscillation about straight ahead; only the second after arrival counts."""
     neck = load_neck("reference")
     time_s = np.arange(600) * 0.005
     swing_deg = 30.0 * np.exp(-time_s / 0.5) * np.cos(2 * np.pi * time_s / 0.8)
@@ -67,7 +67,7 @@ def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
     for moved, passed_deg in (
         (joints, -swing_deg.min()),
         (-joints, -swing_deg.min()),
-        (np.abs(joints), 0.0),  # comes up to the head and stays short of it
+        (np.abs(joints), 0.0),  # approaches the head without reaching it
         (joints * [0.0, 1.0] + [0.5, 0.0], np.nan),  # never arrives
         (0.2 * joints, np.nan),  # near from the start
     ):
@@ -75,7 +75,7 @@ def test_overshoot_of_a_joint_that_swings_past_a_head_that_stands_still(log):
         assert found == pytest.approx(passed_deg, abs=1e-9, nan_ok=True)
 
 
-def test_motion_figures(log):
+def test_motion_metrics(log):
     m = measure(log)
     dt = 0.005
     velocity = np.gradient(log.joint_position_rad, dt, axis=0)
@@ -94,7 +94,7 @@ def test_every_kind_of_violation_is_counted(log, which, order):
     t = log.time_s
     names = ("position_max_rad", "velocity_max_rad_s", "acceleration_max_rad_s2", "jerk_max_rad_s3")
     limits = [getattr(NECK, name)[0] for name in names]
-    # A quiet motion whose derivative of one order alone passes its limit.
+    # A smooth motion that violates the limit of one derivative only.
     frequency = (0.01, 1.2, 8.0, 40.0)[order]
     amplitude = 1.02 * limits[order] / frequency**order
     motion = np.zeros((t.size, 2))
@@ -105,7 +105,7 @@ def test_every_kind_of_violation_is_counted(log, which, order):
     assert limit_violations(dataclasses.replace(log, **{**still, which: motion * 0.97}), NECK) == 0
 
 
-def test_forecast_figures(log):
+def test_forecast_metrics(log):
     m = measure(log)
     for i, horizon in enumerate((250, 500, 1000)):
         errors = []
@@ -124,15 +124,15 @@ def test_forecast_figures(log):
     assert m.forecast_nees_500 == pytest.approx(np.mean(nees))
     v = log.forecast_degrees_of_freedom[known]
     assert np.median(v) < 100.0  # of the first frame, by the filter, it is infinite
-    for share, told in ((0.68, m.forecast_coverage_68_500), (0.95, m.forecast_coverage_95_500)):
+    for share, coverage in ((0.68, m.forecast_coverage_68_500), (0.95, m.forecast_coverage_95_500)):
         # Of a t distribution with this covariance, or of a normal one.
         tailed = np.isfinite(v)
         limits = np.full(v.size, chi2.ppf(share, 3))
         limits[tailed] = 3.0 * (v[tailed] - 2.0) / v[tailed] * f_distribution.ppf(share, 3, v[tailed])
-        assert told == pytest.approx(np.mean(np.array(nees) < limits))
+        assert coverage == pytest.approx(np.mean(np.array(nees) < limits))
 
 
-def test_smoothness_is_that_of_its_authors():
+def test_smoothness_equals_the_published_algorithm():
     t = np.arange(0, 2, 0.005)
     bell = t**2 * (2 - t) ** 2 + 0.05 * np.sin(25 * t) ** 2
     assert sparc(bell, 200.0) == pytest.approx(reference_smoothness.sparc(bell, 200.0)[0], rel=1e-6)
@@ -163,11 +163,11 @@ def nees_of(freedom):
 
 @pytest.mark.parametrize("freedom", [2.5, 10.0, np.inf])
 @pytest.mark.parametrize("share", SHARES)
-def test_of_errors_as_stated_the_stated_share_is_inside(freedom, share):
+def test_consistent_errors_have_nominal_coverage(freedom, share):
     assert np.mean(inside(nees_of(freedom), np.full(DRAWS, freedom), share)) == pytest.approx(share, abs=0.007)
 
 
-def test_the_ellipse_seen_from_above_holds_the_share_of_two_axes():
+def test_the_horizontal_ellipse_has_two_dimensional_coverage():
     for freedom in (3.0, np.inf):
         errors = errors_of(freedom)[:, :2]
         squared = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(SPREAD[:2, :2]), errors)
@@ -204,14 +204,14 @@ def pan_swings(time_s, read_s):
 
 
 def jittered(seed=1):
-    """Ticks of a busy computer: most a little late, some by nearly a period, some left out."""
+    """Ticks of a loaded computer: most slightly late, some by nearly a period, some missing."""
     rng = np.random.default_rng(seed)
     late_s = np.minimum(rng.exponential(0.0005, EVEN_S.size), 0.99 * PERIOD_S)
     late_s[rng.random(EVEN_S.size) < 0.02] = 0.98 * PERIOD_S
     return (EVEN_S + late_s)[rng.random(EVEN_S.size) > 0.03]
 
 
-def test_figures_of_a_known_motion_at_even_and_at_uneven_ticks():
+def test_motion_metrics_at_even_and_uneven_ticks():
     even = measure(pan_swings(EVEN_S, EVEN_S))
     uneven = jittered()
     by_period = np.abs(np.diff(swing_rad(uneven), 2)).max() / PERIOD_S**2
@@ -229,8 +229,8 @@ def test_figures_of_a_known_motion_at_even_and_at_uneven_ticks():
     assert live.ldlj == pytest.approx(even.ldlj, rel=0.02)
 
 
-def test_a_robot_that_reports_less_often_than_it_is_asked_or_not_at_all_for_a_while():
-    """Every reading stands in the log for three ticks; some ticks have none."""
+def test_repeated_and_missing_readings_do_not_bias_derivatives():
+    """Every reading is repeated for three ticks; some ticks have none."""
     read_s = EVEN_S[(np.arange(EVEN_S.size) // 3) * 3] - 0.002
     log = pan_swings(EVEN_S, read_s)
     silent = (EVEN_S > 3.0) & (EVEN_S < 3.1)
@@ -251,8 +251,8 @@ def test_derivatives_are_exact_for_polynomials_at_any_times():
     np.testing.assert_allclose(derivative(cubic[:, 1:], time_s, 2), 2.0)
 
 
-def test_head_and_eyes_are_apart():
-    """Eyes that cancel the head: the gaze stands still, the head does not, and the eyes are where the head was."""
+def test_head_and_eyes_have_separate_metrics():
+    """Eyes that compensate the head: constant gaze, moving head, and eyes opposite to the head."""
     head_rad = swing_rad(EVEN_S)
     joints = np.stack([head_rad, 0.0 * EVEN_S, -head_rad, np.full_like(EVEN_S, 0.1)], axis=1)
     found = measure(moved(EYES, joints, EVEN_S))

@@ -1,4 +1,4 @@
-"""The report: it has the numbers of the metrics, needs no other file, and shows foreign text as text; the table."""
+"""The report: values of the metrics, self-containment, escaped text; the table."""
 
 import dataclasses
 import json
@@ -46,7 +46,7 @@ def written(page, folder):
     return text, BeautifulSoup(text, "html.parser")
 
 
-def test_numbers_and_curves_are_those_of_the_log(logs, tmp_path):
+def test_values_and_curves_equal_those_of_the_log(logs, tmp_path):
     _, soup = written(page_of(logs), tmp_path)
     cells = {row.th.text: [cell.text for cell in row.find_all("td")] for row in soup.tbody.find_all("tr")}
     metrics = [measured_again(log).first.metrics for log in logs.values()]
@@ -57,11 +57,11 @@ def test_numbers_and_curves_are_those_of_the_log(logs, tmp_path):
     for curve, log in zip(data["curves"], logs.values(), strict=True):
         assert curve["xs"] == pytest.approx(log.time_s - log.time_s[0], rel=1e-4)
         assert np.array(curve["ys"], float) == pytest.approx(gaze_error_deg(log), rel=1e-4, abs=1e-9, nan_ok=True)
-    # A print without colours tells them apart.
+    # Distinguishable in a print without colours.
     assert len({path["stroke-dasharray"] for path in soup.select(".legend path")}) == len(logs)
 
 
-def test_the_page_needs_no_other_file(logs, tmp_path):
+def test_the_page_is_self_contained(logs, tmp_path):
     text, soup = written(page_of(logs), tmp_path)
     for tag in soup.find_all(True):
         for name in ("src", "href", "data", "action", "poster", "srcset"):
@@ -72,7 +72,7 @@ def test_the_page_needs_no_other_file(logs, tmp_path):
     assert "default-src 'none'" in soup.find("meta", {"http-equiv": "Content-Security-Policy"})["content"]
 
 
-def test_what_others_wrote_is_shown_as_text(logs, tmp_path):
+def test_foreign_text_is_escaped(logs, tmp_path):
     log = logs["reactive"]
     run = log.run.model_copy(update={"recording": EVIL, "subject": EVIL, "controller": EVIL})
     fault = Fault("forecast_failed", 3, EVIL, EVIL)
@@ -89,7 +89,7 @@ def test_what_others_wrote_is_shown_as_text(logs, tmp_path):
     assert soup.find(class_="command").text == EVIL
 
 
-def test_what_was_out_of_the_ordinary_comes_once_with_its_first_times(logs, tmp_path):
+def test_events_are_listed_once_with_their_first_times(logs, tmp_path):
     log = logs["reactive"]
     times = log.time_s[0] + np.array([0.0, 0.5, 2.0, *[0.0] * 6])
     names = np.array(["no_observation_yet", "late_plan", "late_plan", *["target_lost"] * 6])
@@ -133,7 +133,7 @@ def test_a_page_of_large_content_stays_small(tmp_path):
 
 
 @pytest.mark.slow
-def test_curves_are_read_and_zoomed_in_a_browser(logs, tmp_path):
+def test_curves_have_cursor_values_and_zoom_in_a_browser(logs, tmp_path):
     written(page_of(logs), tmp_path)
     with browser() as driver:
         from selenium.webdriver import ActionChains
@@ -161,7 +161,7 @@ def test_curves_are_read_and_zoomed_in_a_browser(logs, tmp_path):
         driver.find_element("css selector", ".legend button").click()
         assert len(chart.find_elements("css selector", "path.curve")) == len(logs) - 1
 
-        # On paper nothing can be unfolded.
+        # Folded content is shown in print.
         for event, unfolded in (("beforeprint", 1), ("afterprint", 0)):
             driver.execute_script("dispatchEvent(new Event(arguments[0]))", event)
             assert len(driver.find_elements("css selector", "details[open]")) == unfolded
@@ -205,9 +205,9 @@ def test_mean_and_standard_deviation_over_the_seeds():
     gaps = [0.9, 10 / 12, 9.5 / 11]
     assert mpc.mean("gap_closed") == pytest.approx(np.mean(gaps))
     assert mpc.sd("gap_closed") == pytest.approx(np.std(gaps, ddof=1))
-    told = mpc.as_dict()
-    assert told["per_seed"]["gaze_error_rms_deg"] == [1.0, 2.0, 1.5]
-    assert (told["controller"], told["mean"]["gaze_error_rms_deg"]) == ("mpc", 1.5)
+    figures = mpc.as_dict()
+    assert figures["per_seed"]["gaze_error_rms_deg"] == [1.0, 2.0, 1.5]
+    assert (figures["controller"], figures["mean"]["gaze_error_rms_deg"]) == ("mpc", 1.5)
 
 
 def test_the_table_shows_spread_highest_peaks_and_all_violations():
@@ -232,7 +232,7 @@ def test_the_table_shows_spread_highest_peaks_and_all_violations():
         ((0.5, 0.6, 0.5), (0.9, 0.9, 0.9), []),
     ],
 )
-def test_a_forecast_that_costs_is_told_with_what_to_try(mpc_deg, mpc_contact, costs):
+def test_a_forecast_that_increases_error_is_reported_with_a_remedy(mpc_deg, mpc_contact, costs):
     rows = repeats(
         {"reactive": (1.0, 1.1, 1.05), "mpc": mpc_deg}, eye_contact_2p6={"reactive": (0.8,) * 3, "mpc": mpc_contact}
     )

@@ -1,4 +1,4 @@
-"""Two Dynamixel motors behind a pseudo-terminal: never a wrong angle, never a jump, and back after every fault."""
+"""Two Dynamixel motors behind a pseudo-terminal: no wrong angle, no jump, recovery after every fault."""
 
 import itertools
 import math
@@ -31,12 +31,12 @@ TICK_RAD = 2 * math.pi / 4096
 PATIENT_MS, HASTY_MS = 2000.0, 200.0
 links = itertools.count()
 
-# No approach: the first command is taken at once.
+# No approach: the first command is executed at once.
 AT_ONCE_RAD_S = 1e9
 
 
 class Rig:
-    """A neck, its two motors (ids 1 and 2) and a clock that stands until it is moved."""
+    """A neck, its two motors (ids 1 and 2) and a manual clock."""
 
     def __init__(self, folder, start=(2048, 2048), mode=3, spec=NECK, **options):
         self.now_s, self.spec = 0.0, spec
@@ -51,7 +51,7 @@ class Rig:
         )
 
     def goals(self):
-        """What the motors hold; taken after the bus has worked off all that was sent."""
+        """Goals of the motors, read after the bus has processed all packets."""
         return np.array(self.values("goal"))
 
     def values(self, name):
@@ -62,13 +62,13 @@ class Rig:
             return [motor.get(name) for motor in self.motors.values()]
 
     def refuses(self, match=""):
-        """Readings and commands are errors."""
+        """Readings and commands raise."""
         for call in (self.neck.read_state, lambda: self.neck.send_command(np.zeros(2))):
             with pytest.raises(RobotError, match=match):
                 call()
 
     def recover(self, calls=30):
-        """Call until it works again; returns the state and how often it failed."""
+        """Call until recovery; returns the state and the number of failures."""
         for failures in range(calls):
             self.now_s += 0.11
             try:
@@ -124,7 +124,7 @@ def test_round_trip_within_a_tick_inside_the_limits(tmp_path_factory, command, z
     assert np.all(sent <= NECK.position_max_rad)
 
 
-def test_signs_and_units_by_hand(tmp_path):
+def test_signs_and_units_equal_values_by_hand(tmp_path):
     with rig_in(tmp_path, zero_ticks=(1024, 2048), directions=(-1, 1)) as rig:
         for motor, position, velocity in zip(rig.motors.values(), (1536, 2304), (100, -50), strict=True):
             motor.set("position", position)
@@ -138,12 +138,12 @@ def test_signs_and_units_by_hand(tmp_path):
     ("mode", "start", "holds_at"),
     [
         (3, (1500, 2500), (1500, 2500)),
-        # Turned by hand, the position has counted on; with torque on in position mode it is within one turn again.
+        # Turned by hand, the position is multi-turn; with torque on in position mode it is within one turn again.
         (3, (1500 + 4096, 2500 - 8192), (1500, 2500)),
         (4, (1500 + 4096, 2500 - 8192), (1500 + 4096, 2500 - 8192)),
     ],
 )
-def test_nothing_jumps_when_torque_is_switched_on(tmp_path, mode, start, holds_at):
+def test_enabling_torque_causes_no_jump(tmp_path, mode, start, holds_at):
     with rig_in(tmp_path, start=start, mode=mode) as rig:
         assert [motor.history for motor in rig.motors.values()] == [[("torque on", 0)]] * 2
         assert tuple(rig.goals()) == holds_at
@@ -162,11 +162,11 @@ def test_the_first_command_is_approached_slowly(tmp_path):
         assert steps.max() <= speed_rad_s * NECK.servo_period_s + TICK_RAD
         way_rad = 0.2 - (1900 - 2048) * TICK_RAD
         assert len(sent) == pytest.approx(way_rad / (speed_rad_s * NECK.servo_period_s), rel=0.02)
-        # Once there, commands go through as they are.
+        # After the approach, commands pass unchanged.
         np.testing.assert_allclose(rig.neck.send_command(np.array([-0.3, 0.3])), [-0.3, 0.3], atol=TICK_RAD)
 
 
-def test_a_neck_that_holds_goes_on_holding(rig):
+def test_a_holding_neck_keeps_its_goal(rig):
     rig.neck.send_command(np.array([0.3, 0.2]))
     goals = rig.goals()
     rig.neck.close()
@@ -187,20 +187,20 @@ FAULTS = {
     "silent": silent,
     "corrupt": lambda _, answer: answer[:10] + bytes([answer[10] ^ 0x10]) + answer[11:],
     "tilt lost": lambda motor_id, answer: b"" if motor_id == 2 else answer,
-    # A sound packet whose data, with the CRC behind it, has the length that was asked for.
+    # A valid packet whose data, with the CRC behind it, has the requested length.
     "too short": lambda motor_id, answer: packet(motor_id, STATUS, b"\0" * (len(answer) - 13)),
     "access error": lambda motor_id, answer: packet(motor_id, STATUS, b"\x07"),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_an_error_never_an_angle_and_the_next_call_works(tmp_path, fault):
+def test_a_bus_fault_raises_and_the_next_call_succeeds(tmp_path, fault):
     with rig_in(tmp_path, start=(2100, 2000), reply_timeout_ms=HASTY_MS) as rig:
         rig.bus.fault = FAULTS[fault]
         with pytest.raises(RobotError):
             rig.neck.read_state()
         rig.bus.fault = None
-        # At the same instant, so that the loop's tick still gets its command out.
+        # At the same instant, so that the loop's tick still sends its command.
         np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
         goals, position_rad = rig.goals(), rig.neck.read_state().position_rad
         rig.bus.fault = FAULTS[fault]
@@ -211,7 +211,7 @@ def test_a_fault_is_an_error_never_an_angle_and_the_next_call_works(tmp_path, fa
         np.testing.assert_allclose(rig.neck.read_state().position_rad, position_rad)
 
 
-def test_noise_without_end_does_not_hold_the_caller(tmp_path):
+def test_endless_noise_does_not_block_the_caller(tmp_path):
     with rig_in(tmp_path, reply_timeout_ms=50.0) as rig:
         rig.bus.fault = silent
         quiet = threading.Event()
@@ -228,7 +228,7 @@ def test_noise_without_end_does_not_hold_the_caller(tmp_path):
         noise.join()
 
 
-def test_a_hardware_error_is_named_and_the_motor_is_not_restarted_by_itself(rig):
+def test_a_hardware_error_is_named_without_automatic_restart(rig):
     rig.motors[2].set("hardware_error", 0b100100)
     rig.motors[2].set("torque", 0)
     for _ in range(5):
@@ -244,15 +244,15 @@ def test_a_hardware_error_is_named_and_the_motor_is_not_restarted_by_itself(rig)
     np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
 
 
-def test_power_that_goes_and_comes_back(tmp_path):
+def test_recovery_after_a_power_loss(tmp_path):
     with rig_in(tmp_path, reply_timeout_ms=HASTY_MS) as rig:
         for motor in rig.motors.values():
             motor.answers = False
         rig.refuses("check power")
-        asked = len(rig.bus.received)
-        for _ in range(50):  # within 0.1 s no motor is asked again: the loop's ticks lose no time
+        requests = len(rig.bus.received)
+        for _ in range(50):  # no retry within 0.1 s, so that ticks are not delayed
             rig.refuses("check power")
-        assert len(rig.bus.received) == asked
+        assert len(rig.bus.received) == requests
         for motor, position in zip(rig.motors.values(), (2300, 1900), strict=True):
             motor.answers = True
             motor.restart(position)
@@ -264,7 +264,7 @@ def test_power_that_goes_and_comes_back(tmp_path):
         assert rig.values("profile_velocity") == [0, 0]
 
 
-def test_a_port_that_goes_and_comes_back(rig):
+def test_recovery_after_a_port_loss(rig):
     rig.neck.send_command(np.array([0.2, 0.1]))
     goals = rig.goals()
     rig.bus.unplug()
@@ -278,7 +278,7 @@ def test_a_port_that_goes_and_comes_back(rig):
     np.testing.assert_allclose(rig.neck.send_command(np.array([0.1, 0.1])), [0.1, 0.1], atol=TICK_RAD)
 
 
-def test_connect_names_the_fault(tmp_path):
+def test_connect_reports_the_fault(tmp_path):
     with rig_in(tmp_path, connected=False, reply_timeout_ms=HASTY_MS) as rig:
         line = f"{rig.bus.link} at 1000000 baud"
         cases = [
@@ -299,7 +299,7 @@ def test_connect_names_the_fault(tmp_path):
                 neck.read_state()
             for i, table in before.items():
                 rig.motors[i].table[:] = table
-        rig.neck.connect()  # every failed one has let go of the port
+        rig.neck.connect()  # every failed robot has released the port
         rig.neck.connect()
         with pytest.raises(RobotError, match="no other program has it"):
             rig.another().connect()
@@ -307,7 +307,7 @@ def test_connect_names_the_fault(tmp_path):
         rig.another().connect()
 
 
-def test_settings_that_cannot_be_right_are_refused():
+def test_invalid_settings_are_refused():
     ids = [("motor_ids", wrong) for wrong in ((1, 2, 3, 4, 5), (1, 1), (1, 254))]
     for option, wrong in [*ids, ("directions", (1, 0)), ("zero_ticks", (0, 131073))]:
         with pytest.raises((SettingsError, ValidationError), match=option):
@@ -315,7 +315,7 @@ def test_settings_that_cannot_be_right_are_refused():
 
 
 @pytest.mark.parametrize("torque_off", [False, True])
-def test_close_leaves_the_motors_as_told_and_releases_the_port(tmp_path, torque_off):
+def test_close_sets_torque_as_configured_and_releases_the_port(tmp_path, torque_off):
     with rig_in(tmp_path, torque_off_on_close=torque_off) as rig:
         open_before = len(list(Path("/dev/fd").iterdir()))
         rig.neck.send_command(np.array([0.1, 0.1]))

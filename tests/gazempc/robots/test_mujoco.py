@@ -1,4 +1,4 @@
-"""The MuJoCo neck against closed-form answers, and against our own simulation of the same neck."""
+"""The MuJoCo neck against closed-form responses, and against the plain simulation of the same neck."""
 
 import json
 from pathlib import Path
@@ -68,7 +68,7 @@ def rms_deg(a, b):
 
 
 @pytest.mark.parametrize(("damping_ratio", "dead_time_s"), [(0.4, 0.4), (0.9, 0.0), (3.0, 0.4)])
-def test_a_step_is_answered_by_the_second_order_response_after_the_dead_time(damping_ratio, dead_time_s):
+def test_a_step_gives_the_delayed_second_order_response(damping_ratio, dead_time_s):
     neck = with_both(NECK, damping_ratio=damping_ratio, dead_time_s=dead_time_s)
     step_rad = np.deg2rad([30.0, -20.0])
     times, positions = drive(mujoco_neck, neck, lambda t: step_rad, 3.0)
@@ -83,8 +83,8 @@ def test_a_step_is_answered_by_the_second_order_response_after_the_dead_time(dam
         assert np.all(positions[times < dead_time_s, i] == 0.0)
 
 
-def test_a_head_that_leans_out_less_pans_faster_by_the_parallel_axis_theorem():
-    """Physics that our own simulation lacks: tilted up by 45 deg, the head's mass is nearer to the pan axis."""
+def test_pan_inertia_follows_the_parallel_axis_theorem():
+    """Not in the plain simulation: tilted up by 45 deg, the head's mass is nearer to the pan axis."""
     reach_m, tilt_rad = 0.4, np.deg2rad(45.0)
     geometry = Geometry(eye_in_tilt_m=(reach_m, 0.0, 0.0))
     neck = with_both(NECK, dead_time_s=0.0).model_copy(update={"geometry": geometry})
@@ -104,7 +104,7 @@ def test_a_head_that_leans_out_less_pans_faster_by_the_parallel_axis_theorem():
 
 
 def test_the_joints_stop_at_the_ends_of_their_range():
-    """Hardly damped servos sent to the end of the range would swing 50 % past it; there is a stop."""
+    """Lightly damped servos at the end of the range would overshoot by 50 %; end stops prevent it."""
     neck = with_both(NECK, damping_ratio=0.2, dead_time_s=0.1)
     _, free = drive(simulated_neck, neck, lambda t: neck.position_max_rad, 3.0)
     _, stopped = drive(mujoco_neck, neck, lambda t: neck.position_max_rad, 3.0)
@@ -114,7 +114,7 @@ def test_the_joints_stop_at_the_ends_of_their_range():
     assert stopped[-1] == pytest.approx(neck.position_max_rad, abs=1e-3)
 
 
-def test_a_load_moves_where_it_settles_and_encoders_have_their_noise():
+def test_a_load_shifts_the_steady_state_and_encoders_have_noise():
     loads = {"pan": {"load_offset_deg": 2.0}, "tilt": {"load_offset_deg": -1.0, "encoder_noise_deg": 0.1}}
     neck = NECK.with_axes({name: getattr(NECK, name).model_copy(update=load) for name, load in loads.items()})
     _, positions = drive(mujoco_neck, neck, lambda t: (0.3, 0.2), 3.0)
@@ -129,7 +129,7 @@ def test_a_load_moves_where_it_settles_and_encoders_have_their_noise():
     assert np.rad2deg(read.std(axis=1)) == pytest.approx(np.tile([0.0, 0.1], (3, 1)), abs=0.005)
 
 
-def test_between_steps_the_state_is_that_of_the_last_step_and_commands_are_clamped():
+def test_the_state_is_held_between_steps_and_commands_are_clamped():
     clock = Clock(5.0)
     robot = mujoco_neck(NECK, clock)
     robot.connect()
@@ -150,8 +150,8 @@ def test_between_steps_the_state_is_that_of_the_last_step_and_commands_are_clamp
 @pytest.mark.parametrize(
     "neck", [chain(e, b, True) for e in (False, True) for b in (False, True)], ids=lambda n: n.joints
 )
-def test_the_eye_is_where_our_kinematics_says_and_looks_there(neck):
-    """The camera's pose by MuJoCo's kinematics, for all offsets at once, whatever joints there are."""
+def test_the_camera_pose_equals_the_kinematics(neck):
+    """The camera's pose by MuJoCo's kinematics, for all offsets and sets of joints."""
     model = mujoco.MjModel.from_xml_string(mujoco_model.neck_mjcf(neck))
     data = mujoco.MjData(model)
     for angles in np.random.default_rng(0).uniform(-1.2, 1.2, (20, neck.joints)):
@@ -168,8 +168,8 @@ def test_the_eye_is_where_our_kinematics_says_and_looks_there(neck):
             assert axes[2, 0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_eyes_and_body_answer_as_on_our_own_simulation():
-    """Each joint by its own dead time and servo; a turn of one hardly moves the others."""
+def test_eyes_and_body_respond_as_in_the_plain_simulation():
+    """Each joint has its own dead time and servo; coupling is small."""
     neck = chain()
     rates = np.array([1.3, 1.7, 5.0, 4.0, 0.7])
 
@@ -184,8 +184,8 @@ def test_eyes_and_body_answer_as_on_our_own_simulation():
 
 
 @pytest.mark.slow
-def test_a_loop_with_a_model_identified_from_it_is_as_good_as_on_our_own_neck(tmp_path):
-    """All that is known of the MuJoCo neck comes from moving it: error within 10 % of our own neck's."""
+def test_the_loop_with_an_identified_model_matches_the_plain_simulation(tmp_path):
+    """The model of the MuJoCo neck is identified from its motion: error within 10 % of the plain simulation."""
 
     def gaze_error_deg(robot, neck):
         out = tmp_path / f"{robot}_{Path(neck).stem}"

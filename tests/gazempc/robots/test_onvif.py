@@ -35,13 +35,13 @@ def robot_of(server: OnvifCameraServer, neck=BLIND, **options) -> OnvifCamera:
 
 @contextmanager
 def connected(neck=BLIND, **options):
-    """A camera, and a robot that is connected to it."""
+    """A camera and a connected robot."""
     with onvif_camera(QUICK, USER, PASSWORD) as server, closing(robot_of(server, neck, **options)) as robot:
         robot.connect()
         yield server, robot
 
 
-def test_the_camera_turns_as_commanded_and_each_move_ends_by_itself() -> None:
+def test_the_camera_turns_as_commanded_and_moves_time_out() -> None:
     with connected() as (server, robot):
         feed(robot, (0.5, -0.2), lambda: server.plant.true_state().position_rad[0] > 0.1)
         position = server.plant.true_state().position_rad
@@ -59,8 +59,8 @@ def test_the_camera_turns_as_commanded_and_each_move_ends_by_itself() -> None:
         assert server.moves[-1][1:] == (0.0, 0.0)
 
 
-def test_speeds_of_a_table_are_sent_as_shares_between_its_entries() -> None:
-    # Shares 0.5 and 1 give 0.2 and 0.3 rad/s to the left, 0.4 and 0.5 to the right.
+def test_table_speeds_are_interpolated_to_shares() -> None:
+    # Shares 0.5 and 1 are 0.2 and 0.3 rad/s to the left, 0.4 and 0.5 to the right.
     table = SpeedSteps(positive_rad_s=(0.2, 0.3), negative_rad_s=(0.4, 0.5))
     pan = BLIND.pan.model_copy(update={"speed_steps": table, "velocity_max_rad_s": 0.3})
     with connected(BLIND.model_copy(update={"pan": pan})) as (server, robot):
@@ -68,7 +68,7 @@ def test_speeds_of_a_table_are_sent_as_shares_between_its_entries() -> None:
             feed(robot, (speed, 0.0), lambda share=share: server.moves[-1][1] == pytest.approx(-share, abs=1e-4))
 
 
-def test_positions_where_their_range_is_stated() -> None:
+def test_positions_are_scaled_by_their_stated_range() -> None:
     low, high = np.rad2deg(QUICK.position_min_rad), np.rad2deg(QUICK.position_max_rad)
     with connected(QUICK, range_deg=(high[0], low[0], low[1], high[1])) as (server, robot):
         feed(robot, (0.5, 0.1), lambda: server.plant.true_state().position_rad[0] > 0.1)
@@ -80,7 +80,7 @@ def test_positions_where_their_range_is_stated() -> None:
         np.testing.assert_allclose(seen[-1], server.plant.true_state().position_rad, atol=1e-3)
 
 
-def test_absolute_moves_for_a_neck_that_takes_angles() -> None:
+def test_angle_commands_are_absolute_moves() -> None:
     neck = with_both(BLIND, command="position")
     with pytest.raises(SettingsError, match="velocity"):
         OnvifCamera("127.0.0.1", neck, time.monotonic, OnvifOptions())
@@ -88,12 +88,12 @@ def test_absolute_moves_for_a_neck_that_takes_angles() -> None:
         targets: list = []
         server.absolute_move = lambda x, y, _: targets.append((x, y))  # type: ignore[method-assign]
         time.sleep(0.6)
-        assert not targets  # nothing moves before a command
+        assert not targets  # no motion before a command
         feed(robot, tuple(np.deg2rad([20.0, -5.0])), lambda: bool(targets))
         assert targets[0] == pytest.approx((-0.2, -0.2), abs=1e-4)
 
 
-def test_a_wrong_password_is_named_and_shown_nowhere(caplog, capfd, monkeypatch) -> None:
+def test_a_wrong_password_is_reported_and_never_shown(caplog, capfd, monkeypatch) -> None:
     caplog.set_level(logging.DEBUG)
     wrong = "not-the-password"
     monkeypatch.setenv("GAZEMPC_ONVIF_PASSWORD", wrong)
@@ -101,14 +101,14 @@ def test_a_wrong_password_is_named_and_shown_nowhere(caplog, capfd, monkeypatch)
         robot = robot_of(server)
         with pytest.raises(RobotError, match="user or password refused") as caught:
             robot.connect()
-    told = capfd.readouterr()
-    everything = "".join([caplog.text, told.out, told.err, repr(caught.value), repr(vars(robot)), str(caught.value)])
+    text = capfd.readouterr()
+    everything = "".join([caplog.text, text.out, text.err, repr(caught.value), repr(vars(robot)), str(caught.value)])
     assert wrong not in everything
     assert caught.value.__cause__ is None
     assert caught.value.__suppress_context__
 
 
-def test_the_login_from_a_file(tmp_path, monkeypatch) -> None:
+def test_the_login_is_read_from_a_file(tmp_path, monkeypatch) -> None:
     monkeypatch.delenv("GAZEMPC_ONVIF_PASSWORD")
     login = tmp_path / "login"
     login.write_text(f"{USER}\n{PASSWORD}\n")
@@ -124,7 +124,7 @@ def test_the_login_from_a_file(tmp_path, monkeypatch) -> None:
     assert PASSWORD not in str(caught.value)
 
 
-def test_a_camera_that_reports_moving_for_ever_is_driven_all_the_same() -> None:
+def test_a_camera_always_reporting_motion_is_driven() -> None:
     with connected(QUICK, range_deg=(100.0, -100.0, -25.0, 25.0)) as (server, robot):
         server.says_moving = True
         for speed in (0.5, -0.5, 0.5):
@@ -133,7 +133,7 @@ def test_a_camera_that_reports_moving_for_ever_is_driven_all_the_same() -> None:
         assert server.moves[-1][1:] == (0.0, 0.0)
 
 
-def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
+def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
     with connected() as (server, robot):
         feed(robot, (0.5, 0.0), lambda: bool(server.moves and server.moves[-1][1]))
         server.silent = True

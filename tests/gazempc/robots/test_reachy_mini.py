@@ -1,4 +1,4 @@
-"""Reachy Mini over its daemon's websocket: its own frames, its faults, and the daemon itself where it is installed."""
+"""Reachy Mini over its daemon's websocket: recorded frames, faults, and the real daemon where installed."""
 
 import json
 import math
@@ -77,7 +77,7 @@ def pose(pan_deg, tilt_deg, roll_deg=0.0, at_m=(0.0, 0.0, 0.0)):
 
 
 @given(position=angles, roll_rad=st.floats(-0.5, 0.5))
-def test_poses_are_those_of_scipy_and_give_their_angles_back(position, roll_rad):
+def test_poses_equal_scipy_and_invert_to_their_angles(position, roll_rad):
     expected = Rotation.from_euler("ZYX", [position[0], -position[1], 0.0])
     matrix = head_matrix(position)
     np.testing.assert_allclose(matrix[:3, :3], expected.as_matrix(), atol=1e-12)
@@ -95,7 +95,7 @@ MEASURED = [(-40, 38.5), (-36, 47.5), (-28, 61.5), (0, 102.25), (32, 64.75), (40
 
 
 @pytest.mark.parametrize(("tilt_deg", "pan_deg"), MEASURED)
-def test_clamped_poses_are_reached_by_the_daemons_kinematics(tilt_deg, pan_deg):
+def test_clamped_poses_are_reachable_by_the_daemon_kinematics(tilt_deg, pan_deg):
     pan, tilt = np.rad2deg(clamp_to_head(np.deg2rad([179.0, tilt_deg])))
     assert tilt == pytest.approx(tilt_deg)
     assert min(pan_deg, 65.0) - 2.0 < pan < pan_deg
@@ -104,12 +104,12 @@ def test_clamped_poses_are_reached_by_the_daemons_kinematics(tilt_deg, pan_deg):
 # ---------------------------------------------------------------- commands
 
 
-def test_the_message_is_the_one_that_the_daemon_followed_and_the_last_is_sent_before_closing(server, make):
-    """Commands of the recording, made there by other code: the daemon's head went left and up."""
+def test_messages_equal_the_recording_and_the_last_is_flushed_on_close(server, make):
+    """Commands of the recording, made by other code: the daemon's head moved left and up."""
     neck = make()
     for _, message in recorded("sent", "set_full_target")[::10]:
-        asked = head_angles(np.array(message["head"]).reshape(4, 4))
-        np.testing.assert_allclose(neck.send_command(asked), asked, atol=1e-12)
+        angles_rad = head_angles(np.array(message["head"]).reshape(4, 4))
+        np.testing.assert_allclose(neck.send_command(angles_rad), angles_rad, atol=1e-12)
         wait_for(lambda m=message: server.received and np.allclose(server.received[-1]["head"], m["head"]))
         got = server.received[-1]
         assert set(got) == set(message)
@@ -142,7 +142,7 @@ def test_commands_are_clamped_to_the_neck_and_to_the_head(server, make, neck, as
     np.testing.assert_allclose(head_of(message)[:3, :3], expected, atol=1e-9)
 
 
-def test_the_first_commands_approach_from_where_the_head_is(server, make):
+def test_the_first_commands_approach_from_the_measured_pose(server, make):
     server.frames["head_pose"] = pose(-20, 10)
     neck = make(approach_speed_rad_s=0.5)
     step = 0.5 * NECK.servo_period_s
@@ -151,14 +151,14 @@ def test_the_first_commands_approach_from_where_the_head_is(server, make):
     assert sent[0] == pytest.approx([math.radians(-20.0) + step, math.radians(10.0)])
     assert np.max(np.abs(np.diff(sent, axis=0))) <= step + 1e-12
     np.testing.assert_array_equal(sent[-1], target)
-    # Once there, the smoother alone shapes the motion.
+    # After the approach, the smoother alone shapes the motion.
     np.testing.assert_array_equal(neck.send_command(np.zeros(2)), [0.0, 0.0])
 
 
 # ---------------------------------------------------------------- state
 
 
-def test_the_state_is_where_the_recorded_head_looked(server, make):
+def test_the_state_equals_the_recorded_head(server, make):
     """Played back in time; yaw and pitch by scipy, velocity by a parabola through the recording."""
     poses = recorded("received", "head_pose")
     matrices = np.array([message["head_pose"] for _, message in poses])
@@ -172,7 +172,7 @@ def test_the_state_is_where_the_recorded_head_looked(server, make):
         wait_for(lambda e=expected: (s := neck.read_state()) is not None and np.allclose(s.position_rad, e, atol=1e-6))
 
 
-def test_velocity_and_time_are_those_of_a_turning_head(server, make):
+def test_velocity_and_time_of_a_turning_head(server, make):
     neck, speed, began_s = make(), np.array([0.4, -0.2]), time.monotonic()
     turned = lambda: json.dumps(pose(*np.rad2deg(speed * (time.monotonic() - began_s))))  # noqa: E731
     server.frames = SimpleNamespace(values=lambda: [turned()])
@@ -180,7 +180,7 @@ def test_velocity_and_time_are_those_of_a_turning_head(server, make):
     def measured():
         state = neck.read_state()
         if state is not None and time.monotonic() - began_s > 0.5:
-            # Position tells the time at which it was made: a late arrival may be later, never earlier.
+            # The position encodes its time: an arrival may be late, never early.
             late_s = state.time_s - began_s - state.position_rad[0] / speed[0]
             assert late_s > -1e-3
             return late_s < 0.05 and np.allclose(state.velocity_rad_s, speed, rtol=0.2)
@@ -192,7 +192,7 @@ def test_velocity_and_time_are_those_of_a_turning_head(server, make):
 NO_POSES = ([1.0, 1.0, 1.0], [math.nan] * 4, [1.0, 1.0, -1.0, 1.0], [2.0, 2.0, 2.0, 1.0])
 
 
-def test_unreadable_messages_are_passed_over(server, make):
+def test_unreadable_messages_are_skipped(server, make):
     server.extra = ["", "{", "[1]", '"x"', "null", b"\xff\x00", '{"type": "new"}', '{"type": "head_pose"}',
                     '{"type": "head_pose", "head_pose": "left"}', '{"type": "head_pose", "head_pose": [[1, 2], [3]]}',
                     *(json.dumps({"type": "head_pose", "head_pose": np.diag(each).tolist()}) for each in NO_POSES),
@@ -210,7 +210,7 @@ def test_unreadable_messages_are_passed_over(server, make):
 # ---------------------------------------------------------------- faults
 
 
-def test_a_missing_daemon_is_named_with_the_address_and_what_to_start():
+def test_a_missing_daemon_is_reported_with_address_and_start_command():
     port = free_port()
     neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=port))
     with pytest.raises(RobotError, match=rf"ws://127.0.0.1:{port}/ws/sdk .*efused.*reachy-mini-daemon"):
@@ -220,7 +220,7 @@ def test_a_missing_daemon_is_named_with_the_address_and_what_to_start():
     assert no_threads_left()
 
 
-def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(server, make):
+def test_a_command_on_a_lost_connection_raises_and_reconnects(server, make):
     neck = make(approach_speed_rad_s=0.5)
     while not np.array_equal(neck.send_command(np.array([0.3, 0.0])), [0.3, 0.0]):
         pass
@@ -232,7 +232,7 @@ def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(se
     server.frames["head_pose"] = pose(-5, 0)
     server.start()
     sent = wait_for(lambda: works(neck, (0.3, 0.0)))
-    # It was away: it may stand anywhere, so it is approached anew; and nothing of before is sent late.
+    # After an absence its pose is unknown: a new approach, and no old command is sent.
     assert sent[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
     assert wait_for(neck.read_state) is not None
     late = head_angles(head_of(server.commands()[before]))
@@ -240,7 +240,7 @@ def test_a_command_after_the_connection_is_lost_is_an_error_and_it_comes_back(se
 
 
 @pytest.mark.slow
-def test_silence_is_no_reading_then_an_error_and_it_comes_back(server, make):
+def test_silence_gives_no_reading_then_raises_and_recovers(server, make):
     neck = make()
     wait_for(neck.read_state)
     time.sleep(0.1)
@@ -255,7 +255,7 @@ def test_silence_is_no_reading_then_an_error_and_it_comes_back(server, make):
 
 
 @pytest.mark.slow
-def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make):
+def test_a_daemon_that_reads_nothing_does_not_block_the_loop(server, make):
     neck = make()
     server.deaf.set()
     longest_s = 0.0
@@ -268,7 +268,7 @@ def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make):
         return message
 
     assert f"ws://127.0.0.1:{server.port}" in wait_for(refused, step=lambda: None)
-    # A send that waits would wait for ever.
+    # A blocking send would never return.
     assert longest_s < 20.0
     began_s = time.monotonic()
     neck.close()
@@ -284,7 +284,7 @@ def test_a_daemon_that_reads_nothing_does_not_hold_up_the_loop(server, make):
         ({"state": "error", "error": "no serial port"}, "'error', not 'running': no serial port"),
     ],
 )
-def test_a_robot_that_would_not_move_is_an_error_until_it_would(server, make, change, what):
+def test_a_disabled_robot_raises_until_enabled(server, make, change, what):
     well = server.frames["daemon_status"]
     server.frames["daemon_status"] = well | change
     with pytest.raises(RobotError, match=what):
@@ -293,7 +293,7 @@ def test_a_robot_that_would_not_move_is_an_error_until_it_would(server, make, ch
     neck = make()
     server.frames["daemon_status"] = well | change
     wait_for(lambda: refusal(neck))
-    # It still tells where it is.
+    # It still reports its position.
     assert wait_for(neck.read_state) is not None
     server.frames["daemon_status"] = well
     wait_for(lambda: works(neck))
@@ -306,7 +306,7 @@ def test_a_robot_that_would_not_move_is_an_error_until_it_would(server, make, ch
         ("joint_positions", {"head_joint_positions": [0.5] + [0.6] * 6}, "body is turned by 29 deg"),
     ],
 )
-def test_a_sleeping_head_and_a_turned_body_are_not_made_to_jump(server, make, kind, frame, what):
+def test_a_sleeping_head_and_a_turned_body_cause_no_jump(server, make, kind, frame, what):
     server.frames[kind] = server.frames[kind] | frame
     with pytest.raises(RobotError, match=what):
         make()
@@ -342,10 +342,10 @@ def real_port(tmp_path_factory):
         process.terminate()
 
 
-def test_the_daemons_simulated_head_goes_where_it_is_sent(real_port):
+def test_the_simulated_head_of_the_daemon_reaches_its_commands(real_port):
     neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=real_port))
     wait_for(lambda: not isinstance(tried(neck.connect), RobotError), 90.0)
-    # Its own wake-up move comes first: targets are ignored meanwhile.
+    # Its wake-up move comes first and ignores targets.
     time.sleep(4.0)
     try:
         for target_deg in [(20, 0), (-20, 0), (0, 15), (0, -15), (50, 30), (-50, -25), (0, 0)]:

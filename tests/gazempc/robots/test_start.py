@@ -1,4 +1,4 @@
-"""The way in: a neck in the last bit of its range is brought slowly to where commands may be."""
+"""Approach: a neck outside the command limits is moved slowly into them."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from gazempc.errors import RobotError
 from gazempc.robots.robot import way_in_rad
 
 
-def test_a_neck_in_the_last_bit_of_its_range_is_brought_in_slowly():
-    """An underdamped servo leaves commands less room than joints: clipped at once, the first one would be a jump."""
+def test_a_neck_outside_the_command_range_approaches_it_slowly():
+    """An underdamped servo has a smaller command range than joint range: a clipped first command would be a jump."""
     neck = NECK.with_axes({"pan": NECK.pan.model_copy(update={"damping_ratio": 0.4})})
     start_rad = np.radians([-79.9, 40.0])
     limits = neck.command_limits

@@ -1,4 +1,4 @@
-"""VISCA over IP against the bytes of the makers' manuals, and over networks that lose, delay and reorder packets."""
+"""VISCA over IP against the bytes of the manuals, and over networks that lose, delay and reorder packets."""
 
 import os
 import subprocess
@@ -45,7 +45,7 @@ COUNTS = st.integers(-0x8000, 0x7FFF)
         ((0, 0), "81 01 06 01 01 01 03 03 FF"),
     ],
 )
-def test_drive_commands_are_those_of_the_manual(steps, words) -> None:
+def test_drive_commands_equal_those_of_the_manual(steps, words) -> None:
     payload = bytes.fromhex(words)
     assert drive_payload(*steps) == payload
     assert drive_of(payload) == steps
@@ -58,11 +58,11 @@ def test_a_packet_has_the_header_of_the_manual() -> None:
 
 
 @given(COUNTS, COUNTS)
-def test_positions_come_back(pan: int, tilt: int) -> None:
+def test_positions_are_decoded(pan: int, tilt: int) -> None:
     assert position_of(position_payload(pan, tilt)[2:-1]) == (pan, tilt)
 
 
-def test_positions_of_five_digits() -> None:
+def test_positions_of_five_digits_are_decoded() -> None:
     # BRC-X400: pan of five, tilt of four digits.
     assert position_of(bytes([0xF, 0xF, 0xF, 0xF, 0xE, 0, 0, 1, 0])) == (-2, 16)
     assert position_of(bytes([0xF, 0xF, 0xF, 0xF, 0xE, 0, 0, 0, 1, 0])) == (-2, 16)
@@ -70,8 +70,8 @@ def test_positions_of_five_digits() -> None:
 
 
 @pytest.mark.parametrize("pan_sign", [1, -1])
-def test_the_camera_turns_as_commanded_and_reports_it(pan_sign) -> None:
-    """Also with an axis that turns the other way."""
+def test_the_camera_turns_as_commanded_and_reports_its_position(pan_sign) -> None:
+    """Also with a reversed axis."""
     with camera() as (server, plant), connected(server.address, directions=(pan_sign, 1)) as robot:
         feed(robot, (0.5, -0.2), lambda: pan_sign * plant.true_state().position_rad[0] > 0.1)
         robot.send_command(np.zeros(2))
@@ -91,7 +91,7 @@ def test_the_camera_turns_as_commanded_and_reports_it(pan_sign) -> None:
         np.testing.assert_allclose(seen[-1], true_rad, atol=np.deg2rad(0.5 / 14.4) + 1e-6)
 
 
-def test_speeds_between_two_steps_are_dithered_to_their_mean() -> None:
+def test_speeds_between_steps_are_dithered() -> None:
     # Three steps only: 0.15 rad/s lies between 0.1 and 0.3.
     table = SpeedSteps(positive_rad_s=(0.1, 0.3, 1.4), negative_rad_s=(0.1, 0.3, 1.4))
     neck = QUICK.model_copy(update={"pan": QUICK.pan.model_copy(update={"speed_steps": table})})
@@ -126,7 +126,7 @@ def test_a_slow_answer_delays_no_command() -> None:
             robot.send_command(np.array([0.5 + 0.3 * (k % 2), 0.1]))
             longest_s = max(longest_s, time.thread_time() - started_s)
             time.sleep(0.005)
-        # Many commands, few packets: one a tenth of a second, of which each was answered.
+        # Many commands, few packets: one per 0.1 s, each answered.
         assert k > 20
         assert len(server.driven) - before <= 7
         assert longest_s < 0.05
@@ -134,13 +134,13 @@ def test_a_slow_answer_delays_no_command() -> None:
 
 @contextmanager
 def link_through(network: BadNetwork) -> Iterator[ViscaLink]:
-    """A link to the camera behind a network; both are closed at the end."""
+    """A link to the camera through a network; both are closed at the end."""
     with closing(network), closing(ViscaLink(*network.address)) as link:
         link.open()
         yield link
 
 
-def test_a_lost_packet_is_sent_again_with_its_number_and_carried_out_once() -> None:
+def test_a_lost_packet_is_resent_with_its_sequence_number_and_executed_once() -> None:
     """Of each two packets the first is lost, then two of each three answers."""
     with camera() as (server, _):
         network = BadNetwork(server.address, lambda k, packet: [packet] if k % 2 else [])
@@ -157,7 +157,7 @@ def test_a_lost_packet_is_sent_again_with_its_number_and_carried_out_once() -> N
         assert [steps for _, *steps in server.driven] == [[1, 0], [2, 0], [3, 0], [4, 0]]
 
 
-def test_an_answer_that_comes_late_or_out_of_order_is_left_out() -> None:
+def test_late_and_reordered_answers_are_ignored() -> None:
     sent: list[bytes] = []
 
     def again(_: int, packet: bytes) -> list[bytes]:
@@ -172,14 +172,14 @@ def test_an_answer_that_comes_late_or_out_of_order_is_left_out() -> None:
         assert position_of(link.inquire(POSITION))[0] < -80
 
 
-def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
+def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
     with camera() as (server, plant), connected(server.address) as robot:
         feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
         server.silent = True
         with pytest.raises(RobotError, match=f"visca 127.0.0.1:{server.address[1]}: no answer"):
             feed(robot, (0.5, 0.0), lambda: False)
         before = len(server.driven)
-        # Rebooted in the move: it counts packets anew.
+        # Rebooted during the move: its sequence numbers restart.
         server._sequence = 0
         plant.send_command(np.zeros(2))
         server.silent = False
@@ -189,7 +189,7 @@ def test_a_camera_that_has_gone_is_named_and_stopped_when_it_is_back() -> None:
         feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
 
 
-def test_a_camera_that_does_not_tell_its_position() -> None:
+def test_a_camera_without_position_answers_gives_no_reading() -> None:
     blind = QUICK.model_copy(update={"reports_joints": False})
     with camera(blind) as (server, plant):
         robot = ViscaCamera(f"127.0.0.1:{server.address[1]}", QUICK, time.monotonic, ViscaOptions())
@@ -206,22 +206,22 @@ def test_wrong_addresses_and_a_neck_that_takes_angles_are_refused(address: str, 
         ViscaCamera(address, load_neck("reference") if neck == "reference" else neck, time.monotonic, ViscaOptions())
 
 
-def test_moves_are_renewed_a_silent_loop_and_the_end_are_a_stop() -> None:
+def test_moves_are_renewed_and_stop_on_loop_silence_or_close() -> None:
     with camera() as (server, _):
         with connected(server.address) as robot:
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
             wait_for(lambda: server.driven[-1][1:] == (0, 0))
-            # And goes on when the loop is back, also with a camera whose count of packets is far above ours.
+            # Motion resumes with the loop, also with a camera whose sequence number is far higher.
             server._sequence = 1_000_000
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
             before = len(server.driven)
             feed(robot, (0.5, 0.0), lambda: len([d for d in server.driven[before:] if d[1] > 0]) > 2)
         assert server.driven[-1][1:] == (0, 0)
-        robot.close()  # again does nothing
+        robot.close()  # a second close has no effect
 
 
 @pytest.mark.slow
-def test_a_program_that_is_killed_leaves_a_camera_that_stands(tmp_path) -> None:
+def test_a_killed_program_leaves_the_camera_at_rest(tmp_path) -> None:
     with camera() as (server, _):
         robot = ["--robot", f"visca:127.0.0.1:{server.address[1]}", "--neck", "ptz", "--controller", "lookahead"]
         robot += ["--log", "npz", "--out", str(tmp_path)]
@@ -233,7 +233,7 @@ def test_a_program_that_is_killed_leaves_a_camera_that_stands(tmp_path) -> None:
         wait_for(lambda: server.driven[-1][1:] == (0, 0))
 
 
-def test_a_reply_that_is_an_error_is_named() -> None:
+def test_an_error_reply_is_named() -> None:
     with camera() as (server, _), link_through(BadNetwork(server.address)) as link:
         with pytest.raises(RobotError, match="syntax error"):
             link.command(bytes.fromhex("8101040003ff"))

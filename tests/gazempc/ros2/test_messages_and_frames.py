@@ -14,14 +14,14 @@ from gazempc.ros2.node import Ros2Node, message_type
 from gazempc.ros2.transforms import Transforms
 
 
-def test_names_of_topics():
+def test_topic_names_are_validated():
     assert topic_name("head/command") == topic_name("/head/command") == "/head/command"
     for name in ("", "a b", "/a//b", "/1a", "/a/"):
         with pytest.raises(SettingsError):
             topic_name(name)
 
 
-def test_stamps():
+def test_stamps_are_converted():
     assert stamp_s(SimpleNamespace(sec=5, nanosec=250_000_000)) == 5.25
     with pytest.raises(Ros2Error):
         stamp_s(SimpleNamespace(sec=0, nanosec=0))
@@ -37,7 +37,7 @@ def without_ros(monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
 
 
-def test_a_python_without_ros_is_told_how_to_source_it(without_ros):
+def test_missing_ros_is_reported_with_the_setup_command(without_ros):
     with pytest.raises(GazempcError, match=r"source /opt/ros/jazzy/setup\.bash"):
         Ros2Node("node")
     with pytest.raises(GazempcError, match=r"ros-.ROS_DISTRO-std-msgs"):
@@ -68,7 +68,7 @@ def matrix(position_m, rotvec):
     return found
 
 
-def test_poses_between_any_two_frames_of_random_trees():
+def test_transforms_between_frames_of_random_trees():
     rng = np.random.default_rng(1)
     for _ in range(3):
         edges, in_root = [], {"f0": np.eye(4)}
@@ -84,18 +84,18 @@ def test_poses_between_any_two_frames_of_random_trees():
                 assert abs(of_other @ pose - of_one).max() < 1e-9
 
 
-def test_between_two_times_a_frame_goes_straight_on_and_turns_steadily():
+def test_transforms_are_interpolated_linearly_and_by_slerp():
     tree = taken(("base", "head", [1.0, 0.0, 0.0], [0.0, 0.0, 0.2], 5.0))
     take(tree, "base", "head", [2.0, 0.0, 1.0], [0.0, 0.0, 0.6], 5.5)
     pose = tree.pose("head", "base", UNIX_START_S + 5.125)
     np.testing.assert_allclose(pose[:3, 3], [1.25, 0.0, 0.25], atol=1e-6)
     np.testing.assert_allclose(rotvec_of(pose), [0.0, 0.0, 0.3], atol=1e-6)
-    # The newest common time is that of the frame with the oldest last transform.
+    # The newest common time is the oldest of the last transforms.
     take(tree, "head", "eye", [0.0, 0.0, 0.0], [0.0, 0.0, 0.1], 5.25)
     np.testing.assert_allclose(rotvec_of(tree.pose("eye", "base")), [0.0, 0.0, 0.5], atol=1e-6)
 
 
-def test_a_frame_that_gets_another_parent_is_elsewhere():
+def test_a_reparented_frame_moves():
     tree = taken(
         ("base", "left", [0.0, 1.0, 0.0], [0.0] * 3, None), ("base", "right", [0.0, -1.0, 0.0], [0.0] * 3, None)
     )
@@ -106,15 +106,15 @@ def test_a_frame_that_gets_another_parent_is_elsewhere():
     np.testing.assert_allclose(tree.pose("cup", "base", UNIX_START_S)[:3, 3], [0.0, -1.0, 3.0])
 
 
-def test_frames_in_a_circle_end_nowhere():
+def test_a_cycle_of_frames_gives_no_transform():
     tree = taken(("a", "b", [1.0, 0.0, 0.0], [0.0] * 3, 5.0), ("b", "a", [1.0, 0.0, 0.0], [0.0] * 3, 5.0))
     with pytest.raises(Ros2Error, match="no path from 'a' to 'base'"):
         tree.pose("a", "base")
 
 
-def test_time_that_begins_again_and_frames_that_are_no_longer_sent():
+def test_a_clock_reset_clears_frames_and_stale_frames_expire():
     tree = taken(("base", "head", [1.0, 0.0, 0.0], [0.0] * 3, 50.0), ("base", "gone", [0.0] * 3, [0.0] * 3, 50.0))
-    # A little late: what is known already stays.
+    # Slightly late: newer transforms are kept.
     take(tree, "base", "head", [9.0, 0.0, 0.0], [0.0] * 3, 49.9)
     np.testing.assert_allclose(tree.pose("head", "base")[:3, 3], [1.0, 0.0, 0.0])
     for at_s in (5.0, 6.0):

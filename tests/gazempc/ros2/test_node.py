@@ -1,4 +1,4 @@
-"""The node and the robot `ros2` against nodes of the real rclpy in this process."""
+"""The node and the robot `ros2` against real rclpy nodes in this process."""
 
 import threading
 import time
@@ -35,7 +35,7 @@ def node():
 
 @pytest.fixture
 def made():
-    """Closes what a test appends."""
+    """Closes the objects appended by a test."""
     parts = []
     yield parts
     for part in parts:
@@ -43,7 +43,7 @@ def made():
 
 
 class Driver:
-    """The other side of a neck: takes commands, sends joint states."""
+    """A driver node of a neck: subscribes to commands, publishes joint states."""
 
     def __init__(self, node, command_type=TRAJECTORY):
         self.commands = node.subscription("/head/command", command_type)
@@ -82,18 +82,18 @@ def connected(made, driver, **fields):
     return robot
 
 
-def test_every_command_arrives_with_derivatives_and_a_stop(node, made):
+def test_every_command_has_derivatives_and_a_stop_point(node, made):
     driver = Driver(node)
     robot = connected(made, driver, joint_signs=(1.0, -1.0))
     smoother = Smoother(NECK, np.zeros(2))
-    wanted = [smoother.step(k / NECK.servo_rate_hz, _to([0.6, -0.3])) for k in range(60)]
+    expected = [smoother.step(k / NECK.servo_rate_hz, _to([0.6, -0.3])) for k in range(60)]
     found = []
-    for rad in wanted:
+    for rad in expected:
         assert np.array_equal(robot.send_command(rad), rad)
         found += wait_for(driver.commands.take)
     assert len(found) == 60
     signs, period_s = np.array([1.0, -1.0]), NECK.servo_period_s
-    before = np.array([signs * first for first in wanted])
+    before = np.array([signs * first for first in expected])
     for k in range(2, 60):
         point, stop = found[k].points[0], found[k].points[-1]
         assert list(found[k].joint_names) == list(JOINTS)
@@ -140,7 +140,7 @@ def test_the_stop_of_a_trajectory_brakes_within_the_limits(node, made):
     assert fastest > 1.5
 
 
-def test_bare_positions_with_a_joint_that_turns_the_other_way(node, made):
+def test_positions_only_and_a_reversed_joint(node, made):
     driver = Driver(node, NUMBERS)
     robot = connected(made, driver, command_type=NUMBERS, joint_signs=(1.0, -1.0))
     assert np.array_equal(robot.send_command(np.array([9.0, 9.0])), NECK.position_max_rad)
@@ -151,7 +151,7 @@ def test_bare_positions_with_a_joint_that_turns_the_other_way(node, made):
     assert (list(state.position_rad), list(state.velocity_rad_s)) == ([0.1, -0.2], [1.0, -2.0])
 
 
-def test_speeds_follow_the_commands_and_return_from_a_drift(node, made):
+def test_speed_commands_follow_positions_and_remove_drift(node, made):
     driver = Driver(node, NUMBERS)
     robot = connected(made, driver, command_type=NUMBERS, command_values="velocity")
     sent = []
@@ -171,7 +171,7 @@ def test_speeds_follow_the_commands_and_return_from_a_drift(node, made):
         neck(made, command_values="velocity")
 
 
-def test_joint_states_of_others_old_ones_and_none_at_all(node, made):
+def test_foreign_stale_and_missing_joint_states_give_no_reading(node, made):
     driver = Driver(node)
     robot = connected(made, driver, silent_after_s=0.3)
     time.sleep(0.1)
@@ -201,7 +201,7 @@ def test_joint_states_of_others_old_ones_and_none_at_all(node, made):
     assert wait_for(robot.read_state).position_rad[0] == 0.1
 
 
-def test_a_robot_that_is_not_there_is_named(node, made):
+def test_a_missing_robot_is_reported(node, made):
     robot = neck(made)
     robot._connect_timeout_s = 0.5
     with pytest.raises(RobotError, match="no node listens to /head/command as trajectory_msgs"):
@@ -210,7 +210,7 @@ def test_a_robot_that_is_not_there_is_named(node, made):
         robot.read_state()
 
 
-def test_a_quality_of_service_that_does_not_fit_is_described(node):
+def test_an_incompatible_quality_of_service_is_described(node):
     volatile = node.publication("/list", STRING)
     kept = node.subscription("/list", STRING, latched=True)
     wait_for(lambda: "quality of service" in kept.described)

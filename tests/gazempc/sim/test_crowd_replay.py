@@ -26,14 +26,14 @@ def replayed(attend, controller="mpc", recording=TWO, predictor="constant_veloci
     return replay_scene(scene, controller, predictor, ReplaySettings(attend=attend, **settings)).log
 
 
-def test_several_people_need_to_be_told_whom_to_look_at():
+def test_several_people_require_an_attention_policy():
     with pytest.raises(SettingsError, match="choose one by --attend, such as --attend nearest"):
         replayed(None)
     with pytest.raises(SettingsError, match="several people: choose one by --attend, such as --attend nearest"):
         make_scene(TWO, SceneSettings())
 
 
-def test_the_gaze_is_on_the_attended_person():
+def test_the_gaze_tracks_the_attended_person():
     log = replayed("nearest", predictor="walker")
     assert set(log.attended_person.tolist()) == {1, 2}
     assert limit_violations(log, log.neck) == 0
@@ -46,8 +46,8 @@ def test_the_gaze_is_on_the_attended_person():
     assert np.percentile(off_deg, 95) < 2.6
 
 
-def test_one_person_among_several_is_looked_at_as_if_they_were_alone():
-    """The same recording, sensor and noise; only the first frames differ, before the track is confirmed."""
+def test_one_person_of_several_is_tracked_as_well_as_alone():
+    """Equal recording, sensor and noise; only frames before the track's confirmation differ."""
     scene = make_scene("subject03_R4", SceneSettings(), NECK)
     alone = replay_scene(scene, "mpc", "constant_velocity", ReplaySettings()).log
     one = replayed("nearest", recording="subject03_R4")
@@ -66,7 +66,7 @@ def test_the_perfect_forecast_is_that_of_the_attended_person():
 
 @pytest.mark.parametrize("exchanged_from_frame", [None, 40])
 def test_observations_assigned_to_another_person_are_swaps(monkeypatch, exchanged_from_frame):
-    """From some frame on each has the other's number: one swap each, in that frame, and none after."""
+    """From some frame on the numbers are exchanged: one swap each, in that frame only."""
     calls = []
     right = people.assign
 
@@ -85,8 +85,8 @@ def test_observations_assigned_to_another_person_are_swaps(monkeypatch, exchange
     assert np.unique(log.identity_swap_time_s).size <= 1
 
 
-def test_a_sensor_on_the_head_sees_whom_it_is_turned_to():
-    """The robot begins with Ann. Bob is nearer, but 70 deg beside her, which a view of 60 deg never shows."""
+def test_a_head_mounted_sensor_observes_people_in_its_view_only():
+    """The gaze starts on Ann. Bob is nearer, but 70 deg beside her, outside a view of 60 deg."""
     ann = standing_together(2.0, [2.2, 1.3, 0.3], [1.4, -1.2, 0.3])
     view = FieldOfView(on="head", horizontal_deg=60.0, vertical_deg=60.0)
     for sensor, left in ((ann.sensor, False), (ann.sensor.model_copy(update={"view": view}), True)):
@@ -123,12 +123,12 @@ class SecondLater:
         pass
 
     def scores(self, company):
-        wanted = 2 if company.time_s >= WANTED_FROM_S else 1
-        return [float(person.number == wanted) for person in company.people]
+        preferred = 2 if company.time_s >= WANTED_FROM_S else 1
+        return [float(person.number == preferred) for person in company.people]
 
 
 @pytest.mark.parametrize("controller", ["mpc", "lookahead"])
-def test_a_switch_is_near_time_optimal_with_less_than_a_degree_of_overshoot(controller):
+def test_a_switch_is_near_time_optimal_with_overshoot_below_1_deg(controller):
     settings = ReplaySettings(attend=f"{__name__}:SecondLater", attention=CALM)
     log = replay_scene(standing_together(3.6, *PLACES_M), controller, "walker", settings).log
     assert log.attended_person.tolist() == [1, 2]

@@ -1,4 +1,4 @@
-"""Replays: reproducible, with several seeds of the noise, and independent of what ran before."""
+"""Replays: reproducible, with several noise seeds, and independent of earlier runs."""
 
 import dataclasses
 import json
@@ -25,7 +25,7 @@ from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
 
 
-def test_the_same_arguments_give_the_same_log_to_the_last_bit(tmp_path):
+def test_equal_arguments_give_equal_logs_bit_for_bit(tmp_path):
     """Also with a controller whose solvers have a warm start from another recording; another seed differs."""
     neck = load_neck("slow")
     first, other = (reordered(synthetic(name), range(45)) for name in ("subject03_R4", "subject01_R6"))
@@ -51,14 +51,14 @@ def test_a_recording_too_short_to_be_scored_is_refused():
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.05])
-def test_with_the_true_future_a_compute_delay_costs_nothing(delay_s):
-    """The commands that go out while the computer works are rolled through as exactly as those of the dead time."""
+def test_with_the_true_future_a_compute_delay_adds_no_error(delay_s):
+    """Commands sent during the computation are predicted through as exactly as those of the dead time."""
     settings = ReplaySettings(loop=LoopSettings(compute_delay_s=delay_s))
     log = replayed(synthetic("subject03_R4"), "mpc+perfect", settings=settings)
     assert measure(log).gaze_error_rms_deg < 0.1
 
 
-def test_a_scene_has_the_start_of_the_neck():
+def test_a_scene_keeps_the_start_pose_of_the_neck():
     scene = make_scene("subject01_R1", SceneSettings(start_offset_deg=10.0), NECK)
     seen_m = np.array([2.0, 2.0, 0.0])
     np.testing.assert_allclose(scene.first_angles_rad(seen_m), [np.deg2rad(55.0), 0.0])
@@ -67,7 +67,7 @@ def test_a_scene_has_the_start_of_the_neck():
     np.testing.assert_allclose(log.joint_position_rad[0], [0.2, -0.1])
 
 
-def test_the_former_name_of_the_true_future_warns():
+def test_the_deprecated_name_of_the_true_future_warns():
     with pytest.warns(FutureWarning, match=r"mpc\+perfect"):
         assert check_gaze("perfect") == TRUE_FUTURE
     with pytest.raises(ValueError, match="no predictor 'perfekt'"):
@@ -83,7 +83,7 @@ def repeated(count, settings=SETTINGS, controllers=("lookahead",)):
     return scene, repeat.replay_repeatedly(scene, settings, controllers, count, Progress())
 
 
-def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
+def test_each_seed_gives_the_metrics_of_a_replay_with_that_seed():
     scene, done = repeated(2)
     for seed, row in zip((3, 4), done.repeats[0].rows, strict=True):
         again = make_scene(WALK, SETTINGS.model_copy(update={"seed": seed}), NECK)
@@ -96,7 +96,7 @@ def test_each_seed_gives_the_figures_of_a_replay_with_that_seed():
     assert scene.seed == 3
 
 
-def test_without_a_number_as_many_seeds_as_one_can_wait_for(monkeypatch):
+def test_by_default_the_number_of_seeds_follows_from_the_run_time(monkeypatch):
     monkeypatch.setattr(repeat, "PATIENCE_S", 0.0)
     _, done = repeated(None, controllers=("reactive",))
     assert len(done.repeats[0].seeds) == 1
@@ -113,8 +113,8 @@ def test_without_noise_one_seed_is_enough(monkeypatch):
 REFERENCE, SLOW = load_neck("reference"), load_neck("slow")
 
 
-def test_necks_and_settings_do_not_share():
-    """Every number that a program depends on is in its key."""
+def test_other_necks_and_settings_have_separate_programs():
+    """The cache key of a program has all its parameters."""
 
     def gain(mpc):
         return mpc.ocps[0].program.gain.tobytes()
@@ -127,8 +127,8 @@ def test_necks_and_settings_do_not_share():
     assert gain(Mpc(REFERENCE)) == gains[0]
 
 
-def test_the_same_neck_shares_but_cannot_be_written_to():
-    """Two controllers have their matrices in common, and solvers of their own; a change is an error."""
+def test_equal_necks_share_read_only_matrices():
+    """Two controllers share read-only matrices, and have solvers of their own."""
     first, second = Mpc(REFERENCE).ocps[0], Mpc(REFERENCE).ocps[0]
     assert first is not second
     assert first.program is second.program
@@ -179,15 +179,15 @@ def neck_of(base="reference", rates=None, **of_axis):
     ],
     ids=lambda value: "",
 )
-def test_what_is_accepted_is_replayed_within_limits(neck, settings, short_walk):
+def test_every_accepted_input_is_replayed_within_limits(neck, settings, short_walk):
     log = replayed(short_walk, neck=neck, settings=ReplaySettings.model_validate(settings))
     assert limit_violations(log, neck) == 0
     assert log.faults == ()
     assert np.isfinite(measure(log).gaze_error_rms_deg)
 
 
-def test_the_mpc_follows_with_a_fast_joint_as_look_ahead_does(short_walk):
-    """Each step of a held command makes a fast joint jump: that is no motion to be smoothed away."""
+def test_with_a_fast_joint_the_mpc_tracks_as_look_ahead(short_walk):
+    """Steps of a held command make a fast joint jump, which smoothing must not suppress."""
     neck = neck_of(**FAST)
     mpc, ahead = (measure(replayed(short_walk, name, neck=neck)).gaze_error_rms_deg for name in ("mpc", "lookahead"))
     assert mpc < ahead + 0.5
@@ -217,22 +217,22 @@ def test_a_replay_of_rare_frames_warns_once_and_prints_how_much_is_scored(tmp_pa
     np.savetxt(tmp_path / "slow.csv", np.transpose(columns), "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
     words = ["--replay", str(tmp_path / "slow.csv"), "--controllers", "lookahead", "--no-figures"]
     assert run_main([*words, "--noise-seeds", "1", "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    assert "Note: 3.0 frames a second" in said
-    assert said.count("low_frame_rate") == 0
+    output = capsys.readouterr().out
+    assert "Note: 3.0 frames a second" in output
+    assert output.count("low_frame_rate") == 0
     log = gz.load_log(tmp_path / "out" / "lookahead.npz")
     known = int(np.isfinite(log.head_true_base_m).all(axis=1).sum())
-    assert f"Note: the true head is known at {known} of {log.time_s.size} ticks" in said
+    assert f"Note: the true head is known at {known} of {log.time_s.size} ticks" in output
     notes = json.loads((tmp_path / "out" / "summary.json").read_text())["notes"]
-    assert [f"Note: {note}" in said for note in notes] == [True, True]
+    assert [f"Note: {note}" in output for note in notes] == [True, True]
 
 
-def test_too_few_frames_are_not_called_a_short_recording():
+def test_too_few_frames_are_not_reported_as_a_short_recording():
     with pytest.raises(LeftOutError, match=r"known at \d ticks from 1.0 s on, at least 10 are needed"):
         gz.measure(lookahead_of(passer(1.5)))
 
 
-def test_the_view_of_a_camera_on_the_head_limits_what_is_seen():
+def test_the_view_of_a_head_mounted_camera_limits_observations():
     neck = NECK.model_copy(update={"head_view_deg": (60.0, 45.0)})
     ahead = lookahead_of("subject03_R4", neck=neck)
     assert ahead.run.sensor["view"] == {"on": "head", "horizontal_deg": 60.0, "vertical_deg": 45.0}

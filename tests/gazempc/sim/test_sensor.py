@@ -1,4 +1,4 @@
-"""What the robot sees and where it stands: noise, latency, rate, range, placement, and the truth between frames."""
+"""Sensor and placement: noise, latency, rate, range, robot position, and the truth between frames."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def capture_times(sightings):
 # ---------------------------------------------------------------- noise
 
 
-def test_noise_has_the_stated_standard_deviations_and_no_memory():
+def test_noise_is_white_with_the_stated_standard_deviations():
     frames = 6000
     sightings = observe(standing(frames), REFERENCE, seed=1)
     jitter = positions(sightings) - [2.0, 0.5, 0.3]
@@ -97,13 +97,13 @@ def test_thinning_takes_the_frame_nearest_to_each_tick(seed, rate_hz):
 
 
 @pytest.mark.parametrize("rate_hz", [29.97, 30.0, 31.0, 15.0])
-def test_a_recording_at_about_the_sensors_rate_or_below_is_seen_frame_by_frame(rate_hz):
+def test_a_recording_at_or_below_the_sensor_rate_is_not_thinned(rate_hz):
     walk = standing(300, rate_hz=rate_hz)
     np.testing.assert_array_equal(capture_times(observe(walk, REFERENCE, seed=1)), walk.times_s)
 
 
-def test_only_what_is_in_range_is_seen():
-    """Range is the distance in space, so a head above the sensor counts its height."""
+def test_only_heads_in_range_are_observed():
+    """Range is the 3-D distance, including the height above the sensor."""
     head = np.column_stack([np.linspace(0.5, 6.0, 100), np.zeros(100), np.full(100, 1.5)])
     walk = recording(np.arange(100) / 30.0, head)
     sensor = PERFECT.model_copy(update={"range_min_m": 2.0, "range_max_m": 4.0})
@@ -127,8 +127,8 @@ def test_a_sensor_without_a_person_in_view_is_an_error():
 
 
 @pytest.mark.parametrize("part", ["head_quat_wxyz", "pelvis_quat_wxyz"])
-def test_an_orientation_that_is_not_known_is_not_seen(part):
-    """All else is seen as before, with the same noise."""
+def test_an_unknown_orientation_is_not_observed(part):
+    """Other values are unchanged, with the same noise."""
     walk, other_walk = standing(30), standing(30)
     getattr(other_walk.truth, part)[10:20] = np.nan
     pairs = zip(observe(other_walk, REFERENCE, seed=1), observe(walk, REFERENCE, seed=1), strict=True)
@@ -178,7 +178,7 @@ def curved_walk(start_s=0.0, turns_back=False):
 
 
 @pytest.mark.parametrize("turns_back", [False, True])
-def test_side_is_the_definition_of_the_design(turns_back):
+def test_the_side_placement_equals_its_definition(turns_back):
     """In the walk's frame: robot at c + 2.5 (z x d), 1.2 m up, x axis towards c; computed with 4 x 4 matrices."""
     walk = curved_walk(turns_back=turns_back)
     head = walk.truth.head_position_m
@@ -205,7 +205,7 @@ def test_side_is_the_definition_of_the_design(turns_back):
 
 
 def test_a_walk_too_near_is_refused_with_the_distance():
-    """Along a half circle of 2 m radius whose middle comes nearest to the robot."""
+    """A half circle of 2 m radius whose centre point is nearest to the robot."""
     angle = np.linspace(0.0, np.pi, 91)
     head = np.column_stack([2 * np.cos(angle), -2 * np.sin(angle), np.full(91, 1.6)])
     walk = recording(np.arange(91) / 30.0, head)
@@ -219,7 +219,7 @@ def test_a_walk_too_near_is_refused_with_the_distance():
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
 def test_the_robot_stands_in_front_of_a_standing_person(yaw):
-    """And so sees the face: the head's forward axis points at the robot."""
+    """The head's forward axis points at the robot."""
     rng = np.random.default_rng(1)
     head = np.array([3.0, -2.0, 1.6]) + 0.01 * rng.standard_normal((60, 3))
     placed = place(recording(np.arange(60) / 30.0, head, yaw=yaw), "side", 1.5, 1.2)
@@ -238,14 +238,14 @@ def cubic(times_s, derivative=0):
     return polyval(times_s, polyder(CUBIC, derivative)).T
 
 
-def test_a_cubic_is_interpolated_exactly():
+def test_the_truth_interpolates_a_cubic_exactly():
     times_s = np.sort(np.random.default_rng(1).uniform(0.0, 2.0, 40))
     between_s = np.linspace(times_s[0], times_s[-1], 333)
     truth = TrueHead(recording(times_s, cubic(times_s)))
     np.testing.assert_allclose(truth(between_s), cubic(between_s), atol=1e-11)
 
 
-def test_beyond_the_frames_the_last_velocity_goes_on():
+def test_beyond_the_frames_the_truth_has_constant_velocity():
     times_s = np.linspace(0.0, 2.0, 40)
     truth = TrueHead(recording(times_s, cubic(times_s)))
     ahead = np.array([0.0, 0.3, 2.0])[:, None]

@@ -1,4 +1,4 @@
-"""Real people, end to end. These recordings are not part of the project; see `walks_dir`."""
+"""End-to-end replays of real people. The recordings are not part of the project; see `walks_dir`."""
 
 import csv
 
@@ -18,7 +18,7 @@ CONTROLLERS = ("reactive", "lookahead", "mpc", "mpc+perfect")
 
 
 def clips(walks_dir):
-    """The first clip of each person and group: of every other who turns, and of every eighth who walks straight."""
+    """The first clip of each person and group: every second turn, every eighth straight walk."""
     with (walks_dir / "index.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     first = {(row["subject"], row["group"]): row for row in reversed(rows)}
@@ -57,8 +57,8 @@ MEASURED_DEG = {
 }
 
 
-def test_gazes_err_as_little_as_measured_on_the_face_where_they_predict_and_late_where_they_only_react(walks_dir):
-    """Who reacts errs by 13.7 deg as measured; on the face for 1.3 %, with prediction 92 and 90 % of the time."""
+def test_gaze_errors_on_real_walks_are_as_measured(walks_dir):
+    """As measured: 13.7 deg without prediction; on the face for 1.3 % of the time, with prediction 92 and 90 %."""
     results = measured(walks_dir)
     means_deg = {(controller, group): mean_rms(results, controller, group) for controller, group in MEASURED_DEG}
     assert [key for key, mean_deg in means_deg.items() if mean_deg >= 1.15 * MEASURED_DEG[key]] == [], means_deg

@@ -1,4 +1,4 @@
-"""The numbers of `Walker`: what the layers answer, departures between knots, and what is refused."""
+"""The model of `Walker`: network outputs, departures between knots, and refusals."""
 
 import dataclasses
 import json
@@ -40,7 +40,7 @@ def layers(weights, biases, inputs):
 
 
 def parts_of(outputs, motion):
-    """Departures of a walk, those of staying, and logits of walking."""
+    """Departures of walking and of standing, and logits of walking."""
     assert outputs.shape[-1] == N_OUTPUTS
     k = 3 * KNOTS_S.size
     departures = outputs[..., :k].reshape(*outputs.shape[:-1], KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
@@ -54,8 +54,8 @@ def parts_of(outputs, motion):
 
 @pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
 @pytest.mark.parametrize(("evidence", "precise"), [(None, 0.0), (0.7, 0.0), (0.7, 0.25), (0.7, 1.0)])
-def test_departure_is_the_mean_over_regimes_networks_walk_and_mirror_image(known, evidence, precise):
-    """Of the networks for tracks with an orientation, for precise trackers, for tracks without, or a mixture."""
+def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(known, evidence, precise):
+    """With networks for tracks with orientation, for precise trackers, for tracks without orientation, or a mixture."""
     model, (x, spread, motion) = random_model(), rows(5)
     x[:, KNOWN], precision = known, np.full(5, precise)
     mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
@@ -107,7 +107,7 @@ def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
     np.testing.assert_allclose(model.spread_m(unsure)[..., :3], factor * 5.0)
 
 
-def test_departures_and_spread_at_the_knots_between_and_beyond():
+def test_departures_and_spread_at_between_and_beyond_the_knots():
     rng = np.random.default_rng(0)
     departure, spread = rng.standard_normal((8, 3)), np.sort(rng.uniform(0.01, 0.5, (8, 3)), axis=0)
     at, sd = BetweenKnots(departure, spread)(KNOTS_S)
@@ -128,7 +128,7 @@ GOOD = random_model()
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"blind": NOTHING}, "numbers of networks"),
         ({"hidden": GOOD.hidden[:-1]}, "do not fit"),
@@ -137,13 +137,13 @@ GOOD = random_model()
         ({"degrees_of_freedom": math.nan}, "expected more than 2"),
     ],
 )
-def test_wrong_numbers_are_refused(change, said):
-    with pytest.raises(WalkerModelError, match=said):
+def test_invalid_model_values_are_refused(change, message):
+    with pytest.raises(WalkerModelError, match=message):
         dataclasses.replace(GOOD, **change)
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"weights": (GOOD.seeing.weights[0][:, :-1], *GOOD.seeing.weights[1:])}, "does not take"),
         ({"weights": GOOD.seeing.weights[:-1], "biases": GOOD.seeing.biases[:-1]}, "outputs"),
@@ -151,35 +151,35 @@ def test_wrong_numbers_are_refused(change, said):
         ({"biases": (GOOD.seeing.biases[0] * np.inf, *GOOD.seeing.biases[1:])}, "not finite"),
     ],
 )
-def test_wrong_layers_are_refused(change, said):
-    with pytest.raises(WalkerModelError, match=said):
+def test_invalid_layers_are_refused(change, message):
+    with pytest.raises(WalkerModelError, match=message):
         dataclasses.replace(GOOD.seeing, **change)
 
 
 # ---------------------------------------------------------------- files
 
 
-def test_a_saved_model_is_the_same(tmp_path):
+def test_a_model_survives_a_round_trip(tmp_path):
     model = random_model(degrees_of_freedom=3.5)
     save_walker_model(model, tmp_path / "m.npz")
     np.testing.assert_equal(dataclasses.asdict(load_walker_model(tmp_path / "m.npz")), dataclasses.asdict(model))
 
 
-def test_the_shipped_numbers_say_where_they_are_from():
+def test_the_shipped_model_states_its_provenance():
     model = load_walker_model()
     about = model.about
-    assert len(about["people"]) == 19  # four of them are trials of people who stand
+    assert len(about["people"]) == 19  # four of them are standing trials
     assert len(about["recordings"]) == 77
     assert "experiments.fit" in about["command"]
     assert "/" not in json.dumps(about["command"])
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "hidden", "precise_weights_0"])
-def test_a_wrong_file_is_named(tmp_path, content):
+def test_an_invalid_model_file_is_named(tmp_path, content):
     path = tmp_path / "walker.npz"
     if content is None:
         np.savez(path, something=np.zeros(3))
-    elif isinstance(content, str):  # as before this was fitted
+    elif isinstance(content, str):  # default of models without this parameter
         save_walker_model(random_model(), path)
         with np.load(path) as data:
             np.savez(path, **{k: v for k, v in data.items() if k != content})
@@ -191,7 +191,7 @@ def test_a_wrong_file_is_named(tmp_path, content):
         make_predictor("walker", ReplaySettings(walker=WalkerSettings(fitted=path)), Person(), {})
 
 
-def test_a_folder_gives_the_model_that_has_not_seen_the_person(tmp_path):
+def test_a_folder_gives_the_model_fitted_without_the_person(tmp_path):
     (tmp_path / "left_out").mkdir()
     for name in ("walker.npz", "left_out/ann.npz"):
         save_walker_model(random_model(), tmp_path / name)

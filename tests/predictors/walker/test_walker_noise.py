@@ -1,4 +1,4 @@
-"""Noise, its colour and errors of the range as `Walker` measures them, and how far its own lines were off."""
+"""Estimates of `Walker`: noise, noise colour, range errors, and errors of its own past lines."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def walk_m(times_s):
 
 
 def measured(times_s, positions_m):
-    """Mean of what is measured over the second half of a track."""
+    """Mean estimate over the second half of a track."""
     noise, found = MeasuredNoise(), []
     for k in range(1, times_s.size + 1):
         noise.learn(times_s[:k], positions_m[:k])
@@ -30,8 +30,8 @@ def measured(times_s, positions_m):
 
 @pytest.mark.parametrize("rate_hz", [15.0, 60.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_size_and_direction_of_a_white_error_are_measured(rate_hz, jitter):
-    """Frames come regularly or not; the walk's own motion is not taken for noise."""
+def test_size_and_direction_of_white_noise_are_estimated(rate_hz, jitter):
+    """Regular or irregular frames; gait is not estimated as noise."""
     rng = np.random.default_rng(3)
     times_s = (np.arange(600) + jitter * rng.uniform(-0.5, 0.5, 600)) / rate_hz
     true = random_covariance(rng, (0.03, 0.01, 0.005))
@@ -42,7 +42,7 @@ def test_size_and_direction_of_a_white_error_are_measured(rate_hz, jitter):
     np.testing.assert_allclose(np.sqrt(sds), np.sqrt(true_sds), rtol=0.15, atol=0.0015)
 
 
-def test_without_noise_the_floor_is_left_and_a_spike_does_not_blow_it_up():
+def test_without_noise_the_estimate_is_the_floor_and_robust_to_a_spike():
     times_s = np.arange(300) * FRAME_S
     np.testing.assert_allclose(np.sqrt(measured(times_s, walk_m(times_s)).diagonal()), 0.002, atol=0.001)
     shaken = walk_m(times_s)
@@ -64,7 +64,7 @@ def test_the_share_of_measurements_is_stated(rate_hz, share):
 
 
 @pytest.mark.parametrize("size_m", [0.0, 0.002, 0.02])
-def test_the_wander_is_measured_without_its_prior_from_the_first_difference_on(size_m):
+def test_wander_is_estimated_without_prior_from_the_first_difference_on(size_m):
     """A square wave that changes sign every four frames, along one of two axes."""
     colour = MeasuredColour()
     track = np.outer(size_m * (-1.0) ** (np.arange(20) // 4), [1.0, 0.0, 0.0, 0.0, 0.0])
@@ -77,7 +77,7 @@ def test_the_wander_is_measured_without_its_prior_from_the_first_difference_on(s
 
 
 def colour_of(track):
-    """What is known of the colour in the end; columns: horizontal, vertical at three lags, pelvis, head at two."""
+    """Final colour estimate; columns: horizontal and vertical at three lags, pelvis and head at two."""
     colour = MeasuredColour()
     for k in range(1, len(track) + 1):
         logs = colour.learn(track[max(0, k - 36) : k])
@@ -89,8 +89,8 @@ def mean_colour(error_of, n=20):
     return np.mean(found, axis=0)
 
 
-def test_colour_tells_white_error_from_wander():
-    """White error is as large at all lags. Wander grows with the lag as its correlation says."""
+def test_noise_colour_separates_white_noise_from_wander():
+    """White noise has equal differences at all lags; those of wander grow with the lag by its autocorrelation."""
     times_s = np.arange(150) * FRAME_S
     still = np.zeros((150, 5))
 
@@ -113,15 +113,15 @@ def test_colour_tells_white_error_from_wander():
 
 
 def errors_of(times_s, positions_m, velocity_m_s, heading_rad=0.0, stated_m2=(0.0, 0.0, 0.0)):
-    """The last of what is known of lines through these positions with a constant slope."""
+    """Final error estimate of lines with constant slope through these positions."""
     errors = LineErrors()
     for t, p in zip(times_s, positions_m, strict=True):
         found = errors.learn(p, Line(t, p, velocity_m_s, heading_rad), np.array(stated_m2))
     return np.array(found)
 
 
-def test_an_error_is_known_at_its_horizon_and_on_its_axis():
-    """A line that always runs 0.2 m/s too far along: off by 40 mm after 0.2 s and by 100 mm after 0.5 s."""
+def test_forecast_errors_are_estimated_per_horizon_and_axis():
+    """A line 0.2 m/s too fast: errors along of 40 mm after 0.2 s and 100 mm after 0.5 s."""
     times_s = np.arange(300) * FRAME_S
     found = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])).reshape(2, 3)
     usual = np.array([0.025, 0.07])
@@ -137,8 +137,8 @@ def test_an_error_is_known_at_its_horizon_and_on_its_axis():
 
 
 @pytest.mark.parametrize("sd_m", [0.0, 0.3])
-def test_what_is_stated_is_taken_off_the_colours_of_positions(sd_m):
-    """White error of the stated size looks like that of unit and statement together; yaws stay as they are."""
+def test_stated_noise_is_subtracted_from_position_colours(sd_m):
+    """Stated white noise adds to the unit in the denominator; yaws are unchanged."""
     colours = np.linspace(-1.0, 2.0, N_COLOURS)
     found = without_stated(colours, np.array([2.0 * sd_m**2, 0.0, 4.0 * sd_m**2]))
     expected = colours.copy()
@@ -161,7 +161,7 @@ def passing_m(times_s):
 
 
 def range_measured(times_s, positions_m):
-    """The variance after each frame."""
+    """Range variance after each frame."""
     found = MeasuredRange()
     variances_m2 = []
     for time_s, position_m in zip(times_s.tolist(), positions_m, strict=True):
@@ -172,25 +172,25 @@ def range_measured(times_s, positions_m):
 
 @pytest.mark.parametrize("rate_hz", [10.0, 60.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.3])
-def test_white_error_of_the_range_is_measured(rate_hz, jitter):
+def test_white_range_error_is_estimated(rate_hz, jitter):
     rng, n = np.random.default_rng(0), 400
     times_s = (np.arange(n) + jitter * rng.uniform(-0.5, 0.5, n)) / rate_hz
     standing_m = np.tile([2.0, 1.5, 0.0], (n, 1))
     _, variances_m2 = range_measured(times_s, seen_m(rng, standing_m, times_s, along=(0.15, 0.0, 1.0)))
-    # The drift counts four times, and it is found by chance where there is none.
+    # The drift has weight four, and occurs by chance without range errors.
     assert 0.9 * 0.375 < np.sqrt(np.median(variances_m2[50:])) < 1.6 * 0.375
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.01])
-def test_usual_trackers_have_no_error_of_the_range(noise_m):
-    """Gait is not taken for one, and nor is white error in all directions."""
+def test_ordinary_trackers_have_no_range_error(noise_m):
+    """Neither gait nor isotropic white noise is estimated as range error."""
     rng, times_s = np.random.default_rng(1), np.arange(300) * STEP_S
     _, variances_m2 = range_measured(times_s, passing_m(times_s) + noise_m * rng.standard_normal((300, 3)))
     assert np.sqrt(variances_m2.max()) < 0.03
 
 
-def test_a_drift_counts_more_than_its_steps():
-    """Its steps from frame to frame are 0.03 m; in a fifth of a second it goes twice as far."""
+def test_range_drift_is_estimated_above_its_frame_differences():
+    """Frame differences are 0.03 m; in 0.2 s the drift is twice as large."""
     rng, times_s = np.random.default_rng(3), np.arange(300) * STEP_S
     drift = wander(rng, times_s, 0.1, 4.0)
     _, variances_m2 = range_measured(times_s, passing_m(times_s) * (1.0 + drift))
@@ -207,8 +207,8 @@ def test_the_covariance_lies_along_the_line_of_sight():
 
 
 @pytest.mark.parametrize("every_s", [2 * STEP_S, 1.8])
-def test_another_person_now_and_then_is_no_error_of_the_range(every_s):
-    """Also where the two take turns in each frame. The other one is 1 m to the left."""
+def test_intermittent_other_people_give_no_range_error(every_s):
+    """Also with alternating people; the other one is 1 m to the left."""
     rng, times_s = np.random.default_rng(8), np.arange(300) * STEP_S
     seen_m = passing_m(times_s) + 0.01 * rng.standard_normal((300, 3))
     left = np.stack([-seen_m[:, 1], seen_m[:, 0], np.zeros(300)], axis=1)
@@ -217,8 +217,8 @@ def test_another_person_now_and_then_is_no_error_of_the_range(every_s):
     assert np.sqrt(variances_m2.max()) < 0.05
 
 
-def test_the_direction_is_forecast_through_ranges_that_are_wrong_in_each_frame():
-    """If the error were taken for one in all directions, this would be 1.4 to 3.4 deg."""
+def test_range_noise_does_not_bias_the_forecast_direction():
+    """With an isotropic error model this would be 1.4 to 3.4 deg."""
     rng, times_s = np.random.default_rng(6), np.arange(90) * STEP_S
     true_m = passing_m(times_s)
     walker, off_deg = Walker(straight_model()), []

@@ -1,4 +1,4 @@
-"""The predictor `walker`, whatever its numbers are: symmetries, who it is for, what it takes from the filter."""
+"""The predictor `walker` with any weights: symmetries, applicability, and the filter's part of the forecast."""
 
 import math
 
@@ -21,7 +21,7 @@ STATED_M2 = np.diag([0.012, 0.01, 0.008]) ** 2
 
 
 def walking_at(speed_m_s, frames=45, noise_m=0.0, seed=0):
-    """A person who walks straight on, with a stated covariance of the position."""
+    """A straight walk with a stated position covariance."""
     rng = np.random.default_rng(seed)
     for k in range(frames):
         position = np.array([speed_m_s * k / 30, 1.0, 0.4]) + noise_m * rng.standard_normal(3)
@@ -33,7 +33,7 @@ def shown(observations, *predictors):
         for predictor in predictors:
             if isinstance(predictor, Walker):
                 predictor.update(observation)
-            else:  # the filter of the line: gait is noise to it
+            else:  # the line's filter treats gait as noise
                 predictor.update_with(observation, GAIT_M2, GAIT_M2)
     return observation.capture_time_s
 
@@ -45,10 +45,10 @@ def shown(observations, *predictors):
     mirror=st.booleans(),
     sensor=st.sampled_from(["reference", "face_camera", "street", "body_tracker"]),
 )
-def test_the_forecast_is_invariant_to_place_and_direction(angle_rad, shift_m, mirror, sensor):
+def test_the_forecast_is_equivariant_to_position_heading_and_reflection(angle_rad, shift_m, mirror, sensor):
     """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on.
 
-    With a tracker that wanders by more than 30 mm the line of sight counts, so a shift changes something.
+    With wander above 30 mm the line of sight matters, so translation invariance does not hold.
     """
     if sensor in ("street", "body_tracker"):
         shift_m = np.zeros(3)
@@ -63,7 +63,7 @@ def test_the_forecast_is_invariant_to_place_and_direction(angle_rad, shift_m, mi
 
 
 @pytest.mark.parametrize(("speed_m_s", "frames"), [(4.0, 60), (0.0, 1), (1.2, 1)])
-def test_who_runs_and_whose_direction_is_not_known_is_forecast_by_the_filter(speed_m_s, frames):
+def test_running_and_unknown_headings_use_the_filter_forecast(speed_m_s, frames):
     walker, cv = Walker(random_model()), ConstantVelocity()
     end_s = shown(walking_at(speed_m_s, frames), walker, cv)
     ours, plain = walker.forecast(end_s + AHEAD_S), cv.forecast(end_s + AHEAD_S)
@@ -72,8 +72,8 @@ def test_who_runs_and_whose_direction_is_not_known_is_forecast_by_the_filter(spe
 
 
 @pytest.mark.parametrize("speed_m_s", [0.05, 2.0])
-def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
-    """With networks that say nothing; standing people included."""
+def test_zero_departures_give_the_filter_line(speed_m_s):
+    """With networks of zero departure; standing people included."""
     walker, cv = Walker(straight_model(0.1, 4.0)), ConstantVelocity()
     end_s = shown(walking_at(speed_m_s, noise_m=0.01), walker, cv)
     ours, plain = walker.forecast(end_s + AHEAD_S), cv.forecast(end_s + AHEAD_S)
@@ -86,8 +86,8 @@ def test_who_keeps_to_the_line_is_forecast_on_the_filter_s_line(speed_m_s):
 
 @pytest.mark.parametrize("heading_rad", [1.1, 3.0])
 @pytest.mark.parametrize("v", [4.0, np.inf])
-def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
-    """A share of it is added to the scale in the line's frame, in any direction of walk; beyond 1.5 s both grow."""
+def test_observation_noise_keeps_its_principal_axes(heading_rad, v):
+    """A share of the noise is added to the scale in the line's frame, for any heading; beyond 1.5 s both grow."""
     noise_m2 = random_covariance(np.random.default_rng(1), [0.3, 0.02, 0.01])
     model = straight_model(0.1, v, 0.8)
     model.log_spread[0] += np.log([0.5, 1.0, 2.0])
@@ -95,7 +95,7 @@ def test_the_noise_of_the_observations_keeps_its_own_directions(heading_rad, v):
     for k in range(45):
         at = turn @ [1.2 * k / 30, 1.0, 0.4]
         walker.update(HeadObservation(k / 30, at, position_covariance_m2=noise_m2))
-    line = walker.inputs().line  # near the walk's direction: through such noise it is not known at once
+    line = walker.inputs().line  # near the walk's direction, with slow convergence under such noise
     assert line.heading_rad == pytest.approx(heading_rad, abs=0.2)
     own_m2 = line.to_base() @ np.diag([0.05, 0.1, 0.2]) ** 2 @ line.to_base().T
     factor = v / (v - 2.0) if v < np.inf else 1.0
@@ -135,8 +135,8 @@ def test_blend_is_the_mixture_of_both_forecasts():
     np.testing.assert_allclose(mixed.covariances_m2[0], second - np.outer(mean, mean), atol=1e-9)
 
 
-def test_a_track_that_starts_elsewhere_begins_anew():
-    """With all that was seen there, as if nothing had been before; what was learned of the person is gone, too."""
+def test_a_track_restarted_elsewhere_has_no_memory():
+    """As a new track of the observations there; estimates of the person are reset."""
     walker, fresh = Walker(random_model()), Walker(random_model())
     for k in range(60):
         walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4]), yaw_quat(1.0), yaw_quat(1.0)))
@@ -150,21 +150,21 @@ def test_a_track_that_starts_elsewhere_begins_anew():
             ours, theirs = walker.inputs(), fresh.inputs()
             np.testing.assert_allclose(ours.line.origin_base_m, theirs.line.origin_base_m, atol=1e-9)
             np.testing.assert_allclose(ours.line.velocity_base_m_s, theirs.line.velocity_base_m_s, atol=1e-9)
-            path = slice(0, 5 * WINDOW + 2)  # positions, yaws and offsets; colours are learned frame by frame
+            path = slice(0, 5 * WINDOW + 2)  # positions, yaws and offsets; colours depend on the frame count
             np.testing.assert_allclose(ours.network[path], theirs.network[path], atol=1e-9)
     assert begins[0] - 60 <= 30
     assert len(begins) >= 30
     at = walker.forecast([119 / 30]).means_base_m[0]
-    np.testing.assert_allclose(at, [-3.0, 3.0 - 119 / 30, 0.5], atol=0.3)  # weights at random: half of it stays
+    np.testing.assert_allclose(at, [-3.0, 3.0 - 119 / 30, 0.5], atol=0.3)  # random weights
 
 
-# ---------------------------------------------------------------- what the networks read
+# ---------------------------------------------------------------- network inputs
 
 
 STATE = np.array([0.0, 0.0, 0.4, 1.2, 0.0, 0.0])
 
 
-def test_positions_are_relative_to_the_line_in_its_own_frame():
+def test_position_inputs_are_in_the_frame_of_the_line():
     """A walk to the left whose head is 4 cm off to its own left, ten frames ago: one unit across."""
     history = WalkerHistory()
     velocity = np.array([0.0, 1.2, 0.0])
@@ -180,7 +180,7 @@ def test_positions_are_relative_to_the_line_in_its_own_frame():
     np.testing.assert_allclose(positions, expected, atol=0.01)
 
 
-def test_yaws_are_relative_to_the_line_and_zero_for_who_stands():
+def test_yaw_inputs_are_relative_to_the_line_and_zero_at_rest():
     def yaws(speed):
         history = WalkerHistory()
         for k in range(40):
@@ -204,8 +204,8 @@ def test_yaws_are_relative_to_the_line_and_zero_for_who_stands():
         ((0.8, -0.9), 10, (0.4, -0.45)),
     ],
 )
-def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, frames, mounting):
-    """Both yaws steady beside a straight walk: what is left of the offset is in the inputs, and is learned as such."""
+def test_size_and_duration_decide_whether_an_offset_is_a_mounting(offset_rad, frames, mounting):
+    """Constant yaws on a straight walk: the residual offset is in the inputs and in the offset estimate."""
     history = WalkerHistory()
     for k in range(frames):
         state = STATE + np.array([1.2 * k / 30, 0, 0, 0, 0, 0])
@@ -234,8 +234,8 @@ def test_a_constant_offset_is_a_mounting_by_its_size_and_its_time(offset_rad, fr
         (30, 0.002, 1.0, False, 0.02, 0.0),
     ],
 )
-def test_precision_is_free_of_the_prior(frames, white_m, share, stated, wander_m, weight):
-    """A straight walk, with a sway that changes sides every four frames."""
+def test_precision_is_independent_of_the_prior(frames, white_m, share, stated, wander_m, weight):
+    """A straight walk, with a sway that changes sign every four frames."""
     history, covariance_m2 = WalkerHistory(), white_m**2 * np.eye(3)
     for k in range(frames):
         state = STATE + np.array([1.2 * k / 30, wander_m * (-1.0) ** (k // 4), 0, 0, 0, 0])
@@ -245,14 +245,14 @@ def test_precision_is_free_of_the_prior(frames, white_m, share, stated, wander_m
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 0.7, np.pi / 2])
-def test_noise_is_told_along_across_and_up_and_as_it_is(heading_rad):
-    """20 mm along, 10 across and 5 up, wherever the walk leads; so large noise is told in full, unlike the inputs'."""
+def test_noise_inputs_are_along_across_and_up_without_saturation(heading_rad):
+    """20 mm along, 10 across and 5 up, for any heading; large noise is not clipped, unlike in the network inputs."""
     turn = Rotation.from_euler("z", heading_rad).as_matrix()
     for sds in (np.array([0.02, 0.01, 0.005]), np.array([30.0, 0.01, 1e-5])):
         covariance = turn @ np.diag(sds**2) @ turn.T
         state = np.concatenate([np.zeros(3), turn @ [1.2, 0.0, 0.0]])
-        for stated, told in enumerate((None, covariance)):
-            seen = HeadObservation(0.0, state[:3], position_covariance_m2=told)
+        for stated, given_m2 in enumerate((None, covariance)):
+            seen = HeadObservation(0.0, state[:3], position_covariance_m2=given_m2)
             inputs = WalkerHistory().add(seen, state, covariance, 1.0)
             np.testing.assert_allclose(inputs.stated_sd_m, stated * sds, rtol=1e-3, atol=1e-6)
             np.testing.assert_array_equal(inputs.stated_base_m2, stated * covariance)

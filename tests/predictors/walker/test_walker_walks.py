@@ -1,6 +1,6 @@
-"""The shipped `walker` on walks: how far it errs, through each sensor, and whether it knows how far.
+"""The shipped `walker` on walks: forecast errors and coverage with each sensor.
 
-Synthetic walks were not fitted on. Real ones were, so there the tests guard the code, not the claim.
+Synthetic walks are held out. Real ones were fitted on: there the tests detect regressions only.
 """
 
 import dataclasses
@@ -36,12 +36,12 @@ def mean_errors(recordings, make, sensor="reference", ahead_s=(0.5,)):
     return np.mean([np.nanmean(errors(r, make(), sensor, ahead_s)[0], axis=0) for r in recordings], axis=0)
 
 
-# Errors over those of constant velocity at 0.25, 0.5 and 1 s: what the model as it ships has, and up to 0.06 of room.
+# Errors relative to constant velocity at 0.25, 0.5 and 1 s: shipped model, plus a tolerance of up to 0.06.
 SYNTHETIC_RATIOS = {
     "reference": (0.54, 0.52, 0.53),
     "face_camera": (0.95, 0.88, 0.78),
 }
-# Goals on people left out are .53 .53 .60 and .70 .62 .65.
+# Goals for left-out people: .53 .53 .60 and .70 .62 .65.
 REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
 # Points by which 68 and 95 % may be missed on walks that are not those of the fit.
 MISSED = (0.10, 0.04)
@@ -57,14 +57,14 @@ def test_synthetic_walkers_are_forecast_better_than_by_constant_velocity(sensor,
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("activity", "sensor"), [("stand", "body_tracker"), ("turn_on_spot", "reference")])
-def test_people_on_the_spot_are_forecast_as_well_as_by_their_last_position(activity, sensor):
+def test_standing_people_are_forecast_as_well_as_by_last_position(activity, sensor):
     recordings = [load(f"subject{k:02d}_{activity}") for k in range(1, 15, 7)]
     ours, last = (mean_errors(recordings, make, sensor, AHEAD_S[:2]) for make in (Walker, LastPosition))
     np.testing.assert_array_less(ours / last, 1.1 if activity == "turn_on_spot" else 1.02)
 
 
 def revisions_m(recording, ahead_s=0.5):
-    """How far the forecast for one instant moves from frame to frame, metres."""
+    """Change of the forecast for one instant from frame to frame, metres."""
     predictor, before, found = Walker(), None, []
     for sighting in observe(recording, load_sensor("perfect"), 0):
         predictor.update(sighting.observation)
@@ -79,11 +79,11 @@ def revisions_m(recording, ahead_s=0.5):
 
 @pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("start", 0.1), ("stop", 0.1)])
 def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, largest_m):
-    """Walking and staying lie up to 0.7 m apart at 0.5 s; a decision takes several frames."""
+    """Walking and standing differ by up to 0.7 m at 0.5 s; the decision takes several frames."""
     assert revisions_m(load(f"subject07_{activity}")).max() < largest_m
 
 
-def test_a_higher_threshold_answers_a_start_later():
+def test_a_higher_threshold_delays_the_response_to_a_start():
     """Logits are compared with the threshold of the model; at very high ones the person is never forecast to walk."""
     shipped = shipped_walker_model()
     observations = [s.observation for s in observe(load("subject03_start"), load_sensor("reference"), 0)]
@@ -102,7 +102,7 @@ def test_a_higher_threshold_answers_a_start_later():
 
 
 @pytest.mark.slow
-def test_the_stated_ellipsoids_hold_their_shares():
+def test_the_stated_ellipsoids_have_nominal_coverage():
     """68 and 95 % by the t distribution that is stated."""
     nees = np.concatenate([errors(load(name), Walker(), "face_camera")[1][:, 0] for name in SYNTHETIC[1::2]])
     v, shares = shipped_walker_model().degrees_of_freedom, np.array([0.68, 0.95])
@@ -110,8 +110,8 @@ def test_the_stated_ellipsoids_hold_their_shares():
     np.testing.assert_array_less(np.abs(held - shares), MISSED)
 
 
-def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face():
-    """A face above the camera, its range wrong by 5 %: in the first second, errors stay on the line of sight."""
+def test_initial_range_errors_stay_on_the_line_of_sight():
+    """A face above the camera with 5 % range error: in the first second, errors stay on the line of sight."""
     elevation_rad = np.radians(22.0)
     face_m = 1.5 * np.array([np.cos(elevation_rad), 0.0, np.sin(elevation_rad)])
     off_rad = []
@@ -126,8 +126,8 @@ def test_first_range_errors_do_not_lift_the_gaze_off_a_still_face():
     assert np.degrees(max(off_rad)) < 1.6
 
 
-def test_a_mounting_at_a_right_angle_is_found_out():
-    """Orientations by a sensor whose forward axis is not the person's: half a second later it hardly matters."""
+def test_a_mounting_at_90_deg_is_estimated():
+    """Orientations with a rotated forward axis: after half a second the effect is small."""
     turn = Rotation.from_euler("z", 90.0, degrees=True)
 
     def mounted(q):
@@ -170,7 +170,7 @@ def assert_sound(walker, now_s):
 
 @settings(max_examples=20)
 @given(steps_s=st.lists(steps, min_size=1, max_size=60), speed_m_s=st.floats(0.0, 5.0), seed=st.integers(0, 1000))
-def test_any_time_stamps(steps_s, speed_m_s, seed):
+def test_forecasts_are_finite_for_any_time_stamps(steps_s, speed_m_s, seed):
     """Bursts a nanosecond apart, gaps of hours, orientations that come and go."""
     rng, walker, time_s = np.random.default_rng(seed), Walker(random_model()), 0.0
     for step_s in steps_s:
@@ -190,20 +190,20 @@ def test_any_time_stamps(steps_s, speed_m_s, seed):
 )
 @example(sizes=[(2.0, -3.0, -3.0)] * 40, stated=[True] * 40, turns=True, seed=1)
 @example(sizes=[(2.5, 2.5, -3.0)] * 40, stated=[True] * 40, turns=True, seed=2)
-def test_any_covariance_in_any_direction(sizes, stated, turns, seed):
-    """From a millimetre to a hundred metres, in a direction of its own each frame or in the same, now and then none."""
+def test_forecasts_are_valid_for_any_covariance(sizes, stated, turns, seed):
+    """From 1 mm to 100 m, with random or constant axes, sometimes absent."""
     rng, walker = np.random.default_rng(seed), Walker(random_model())
     for k, exponent in enumerate(sizes):
         covariance = random_covariance(rng if turns else np.random.default_rng(seed), 10.0 ** np.array(exponent))
         position = np.array([1.2 * k / 30, 0.0, 0.4]) + 0.02 * rng.standard_normal(3)
-        told = covariance if stated[k] else None
-        walker.update(HeadObservation(k / 30, position, None, yaw_quat(0.1), position_covariance_m2=told))
+        covariance_m2 = covariance if stated[k] else None
+        walker.update(HeadObservation(k / 30, position, None, yaw_quat(0.1), position_covariance_m2=covariance_m2))
         assert_sound(walker, k / 30)
 
 
 @pytest.mark.parametrize("covariance", [None, np.diag([1e4, 1e-6, 1e-6])])
 @pytest.mark.parametrize("rate_hz", [2.5, 30.0])
-def test_who_stands_exactly_still_stays_there(covariance, rate_hz):
+def test_a_motionless_person_is_forecast_in_place(covariance, rate_hz):
     """A person without sway, or a tracker that repeats one position."""
     walker, at = Walker(random_model()), np.array([2.0, -1.0, 0.3])
     for k in range(100):
@@ -223,12 +223,12 @@ def test_a_jump_of_half_a_metre_is_refused():
         o = observations[k]
         observations[k] = dataclasses.replace(o, head_position_base_m=o.head_position_base_m + 0.5 * np.eye(3)[0])
     shaken, _ = forecasts(observations)
-    # Afterwards all is as if the frames had been missing.
+    # Afterwards the forecast equals that with missing frames.
     assert np.max(np.linalg.norm(shaken[62:, 3] - clean[62:, 3], axis=1)) < 0.06
 
 
-def test_a_gap_is_coasted_with_growing_doubt_and_overcome():
-    """While nothing comes the track goes on; afterwards the forecast comes back to that without a gap."""
+def test_a_gap_is_coasted_with_growing_variance_until_recovery():
+    """The track is extrapolated; afterwards the forecast converges to that without a gap."""
     observations, gap_s = seen_of("subject06_R1"), 1.0
     whole, _ = forecasts(observations)
     begin_s = observations[45].capture_time_s
@@ -249,8 +249,8 @@ def test_a_gap_is_coasted_with_growing_doubt_and_overcome():
     assert np.linalg.norm(np.array(found)[late:] - whole[-len(found) :][late:, 3], axis=1).max() < 0.1
 
 
-def test_orientation_fades_out_without_a_jump():
-    """No orientation from one frame on: forecasts move away from those with it little by little."""
+def test_a_lost_orientation_fades_without_a_jump():
+    """No orientation from one frame on: forecasts deviate gradually from those with it."""
     observations = seen_of("subject03_R5", "perfect")[:110]
     turn = len(observations) // 2
     half = [o if k < turn else blind(o) for k, o in enumerate(observations)]
@@ -262,8 +262,8 @@ def test_orientation_fades_out_without_a_jump():
     np.testing.assert_allclose(without[turn + 40 :], never[0][turn + 40 :, 3], atol=0.03)
 
 
-def test_an_orientation_that_comes_back_is_as_good_as_one_that_was_there():
-    """Wherever the robot stands; what was held meanwhile must not look like a turn of the body."""
+def test_a_regained_orientation_gives_the_forecast_without_loss():
+    """For any robot pose; held orientations must not appear as a turn of the body."""
     observations = [moved(o, 2.0, np.zeros(3)) for o in seen_of("subject03_R6", "perfect")[:90]]
     gone = [blind(o) if 30 <= k < 60 else o for k, o in enumerate(observations)]
     apart = np.linalg.norm(forecasts(gone)[0][:, 3] - forecasts(observations)[0][:, 3], axis=1)
@@ -272,7 +272,7 @@ def test_an_orientation_that_comes_back_is_as_good_as_one_that_was_there():
 
 
 def direction_errors_deg(stated, range_share):
-    """Of forecasts 0.5 s ahead, for a real gait that passes; range always wrong by a share, and noisy by 12 %."""
+    """Of forecasts 0.5 s ahead of a passing real gait; range with a relative bias and 12 % noise."""
     truth, rng, walker, errors = TrueHead(load("subject08_R1")), np.random.default_rng(0), Walker(), []
     for time_s in np.arange(0.0, 3.0, 1 / 30):
         true_m = truth([time_s])[0]
@@ -286,8 +286,8 @@ def direction_errors_deg(stated, range_share):
     return np.array(errors[30:])
 
 
-def test_a_range_that_is_wrong_by_a_fifth_leaves_the_bearing_good():
-    """Its covariance is stated: long along the line of sight, so only the bearing counts."""
+def test_a_range_error_of_20_percent_keeps_the_bearing():
+    """With a stated covariance elongated along the line of sight the bearing dominates."""
     stated, right = direction_errors_deg(True, -0.2), direction_errors_deg(True, 0.0)
     assert np.sqrt(np.mean(stated**2)) < 2.5
     assert np.sqrt(np.mean(stated**2)) < 1.3 * np.sqrt(np.mean(right**2)) + 0.2
@@ -302,19 +302,13 @@ def test_a_range_that_is_wrong_by_a_fifth_leaves_the_bearing_good():
         (
             "body_tracker",
             {"position_noise_m": 0.002, "position_wander_m": 0.01, "position_wander_time_s": 0.5},
-            0.99,
-            1.01,
-        ),
-        (
-            "body_tracker",
-            {"position_noise_m": 0.002, "position_wander_m": 0.02, "position_wander_time_s": 0.5},
             1.0,
             1.0,
         ),
         ("reference", {"rate_hz": 10.0}, 1.0, 1.0),
     ],
 )
-def test_precise_trackers_have_networks_of_their_own_others_have_not(name, changes, least, most):
+def test_the_networks_for_precise_trackers_serve_those_only(name, changes, least, most):
     """Error with the networks for precise trackers as a ratio to that without them."""
     sensor = load_sensor(name).model_copy(update=changes)
     usual = dataclasses.replace(shipped_walker_model(), precise=shipped_walker_model().seeing)

@@ -1,4 +1,4 @@
-"""The last 1.2 s on an even grid, longer memories, and the smooth path against a dense solution."""
+"""The window of 1.2 s on an even grid, longer memories, and the smooth path against a dense solution."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def line(times_s):
 
 @pytest.mark.parametrize("rate_hz", [4.0, 30.0, 500.0])
 @pytest.mark.parametrize("begin_s", [-7.3, 1e6])
-def test_a_straight_line_is_the_line_at_any_rate(rate_hz, begin_s):
+def test_a_straight_walk_is_sampled_exactly_at_any_rate(rate_hz, begin_s):
     since_s = np.arange(round(3.0 * rate_hz)) / rate_hz
     window, _ = window_of(begin_s + since_s, line(since_s))
     path, seen = window.on_grid()
@@ -47,8 +47,8 @@ def test_a_straight_line_is_the_line_at_any_rate(rate_hz, begin_s):
     assert window.times_s[-1] - window.times_s[0] <= -LAGS_S[0] + 2e-6
 
 
-def test_what_is_uncertain_moves_the_path_less():
-    """The covariance of each frame is that which came with it."""
+def test_uncertain_observations_have_lower_weight():
+    """Each frame keeps its own covariance."""
     times_s, seen = np.arange(30) * STEP_S, np.zeros((30, 3))
     seen[-1] = [0.3, 0.3, 0.0]
     window = TrackWindow()
@@ -66,7 +66,7 @@ def test_yaws_are_unwrapped_held_and_bridged():
     pelvis = [None] * 6 + [0.2] * 6
     window, fresh = window_of(np.arange(12) * STEP_S, np.zeros((12, 3)), pelvis, head)
     turned = window.values[:, 4] - window.values[0, 4]
-    np.testing.assert_allclose(turned, yaws - yaws[0], atol=1e-9)  # evenly, also where it was not seen
+    np.testing.assert_allclose(turned, yaws - yaws[0], atol=1e-9)  # uniform, also in unobserved frames
     np.testing.assert_allclose(window.values[:, 3], 0.2)
     assert fresh == [[k >= 6, k not in {4, 5, 6}] for k in range(12)]
     held, _ = window_of(np.arange(7) * STEP_S, np.zeros((7, 3)), None, head[:7])
@@ -74,7 +74,7 @@ def test_yaws_are_unwrapped_held_and_bridged():
     assert held.yaw_seen_s == [-np.inf, 3 * STEP_S]
 
 
-def test_an_orientation_that_was_gone_for_longer_than_the_window_comes_back():
+def test_an_orientation_returns_after_a_loss_longer_than_the_window():
     yaws = [0.0] * 5 + [None] * 60 + [1.0]
     window, _ = window_of(np.arange(66) * STEP_S, np.zeros((66, 3)), None, yaws)
     share = (window.times_s - 4 * STEP_S) / (61 * STEP_S)
@@ -105,8 +105,8 @@ def inputs_of(times_s, positions_m, line=STILL):
 
 
 @pytest.mark.parametrize(("rate_hz", "frames"), [(15.0, 2.0), (60.0, 0.5)])
-def test_they_are_kalman_filters_of_constant_velocity(rate_hz, frames):
-    """Without a gate; a frame counts by the time that it stands for, so its variance is that at 30 Hz over `frames`."""
+def test_memories_are_constant_velocity_kalman_filters(rate_hz, frames):
+    """Ungated; a frame is weighted by its duration: its variance is that at 30 Hz divided by `frames`."""
     times_s, positions_m = wobbling(rate_hz)
     times_s = np.arange(times_s.size) / rate_hz
     expected = []
@@ -121,7 +121,7 @@ def test_they_are_kalman_filters_of_constant_velocity(rate_hz, frames):
     np.testing.assert_allclose(places_m[1 : 1 + len(_FILTERS)], np.array(expected)[:, :3], atol=1e-9)
 
 
-def test_they_are_relative_to_the_line_in_its_frame():
+def test_memories_are_in_the_frame_of_the_line():
     """A line that leads to the left, 2 cm behind and 3 cm/s slower than a steady walk."""
     times_s = np.arange(300) / 30.0
     positions_m = np.outer(times_s, [0.0, 1.2, 0.0])
@@ -132,8 +132,8 @@ def test_they_are_relative_to_the_line_in_its_frame():
 
 
 @pytest.mark.parametrize("rate_hz", [2.5, 30.0])
-def test_running_means_forget_and_tell_the_sway_about_them(rate_hz):
-    """A long rest here, then one a metre off: the mean of each memory is on its way by 1 - exp(-t / memory)."""
+def test_running_means_decay_exponentially_and_give_the_sway(rate_hz):
+    """A step of 1 m between two rests: each mean has the response 1 - exp(-t / memory)."""
     times_s = np.arange(round(60 * rate_hz) + 1) / rate_hz
     positions_m = np.where(times_s[:, None] > 58.0, [0.0, 1.0, 0.3], [0.0, 0.0, 0.3])
     found, places_m = inputs_of(times_s, positions_m)
@@ -154,7 +154,7 @@ PSD, SPEED_SD_M_S, FARTHEST_M = 1.0, 1.0, 100.0
 
 
 def track(seed, n=30, nodes=36, sds_m=(0.005, 0.02, 0.3)):
-    """Places in order, positions with the errors that their covariances say, and those covariances."""
+    """Sorted nodes, positions with errors of their covariances, and the covariances."""
     rng = np.random.default_rng(seed)
     at = np.sort(rng.uniform(0.0, nodes - 1, n))
     at[-1] = nodes - 1
@@ -169,7 +169,7 @@ def smoothed(at, seen, covariances, nodes=36):
 
 
 def dense(at, seen, covariances, nodes):
-    """Least squares, every row written out: what was seen, second differences, first velocity, and a wide prior."""
+    """Dense least squares: observations, second differences, initial velocity, and a wide prior."""
     rows, values = [], []
 
     def add(weights, value, root):
@@ -196,7 +196,7 @@ def dense(at, seen, covariances, nodes):
 
 @pytest.mark.parametrize("nodes", [2, 3, 36])
 @pytest.mark.parametrize("n", [2, 30, 80])
-def test_it_is_the_least_squares_solution(nodes, n):
+def test_the_smooth_path_is_the_least_squares_solution(nodes, n):
     """For few and many frames, also several between two nodes."""
     at, seen, covariances = track(n, n, nodes)
     np.testing.assert_allclose(smoothed(at, seen, covariances, nodes), dense(at, seen, covariances, nodes), atol=1e-7)
@@ -208,7 +208,7 @@ def test_it_is_the_least_squares_solution(nodes, n):
     shift_m=st.tuples(*[st.floats(-50.0, 50.0)] * 3).map(np.array),
     mirror=st.booleans(),
 )
-def test_it_turns_moves_and_is_mirrored_with_what_is_seen(angles, shift_m, mirror):
+def test_the_smooth_path_is_equivariant(angles, shift_m, mirror):
     at, seen, covariances = track(3)
     change = Rotation.from_euler("xyz", angles).as_matrix() @ np.diag([1.0, -1.0 if mirror else 1.0, 1.0])
     other = smoothed(at, seen @ change.T + shift_m, change @ covariances @ change.T)
@@ -216,14 +216,14 @@ def test_it_turns_moves_and_is_mirrored_with_what_is_seen(angles, shift_m, mirro
 
 
 @pytest.mark.parametrize("sds_m", [(100.0, 1e-3, 1e-3), (100.0, 100.0, 1e-3), (1e4, 1e-5, 1.0), (1e-7, 1e-7, 1e-7)])
-def test_information_is_the_inverse_and_positive_definite_to_the_limit(sds_m):
+def test_information_matrices_are_inverse_and_positive_definite(sds_m):
     rng = np.random.default_rng(0)
     for _ in range(50):
         covariance = random_covariance(rng, sds_m)
         information = information_of(covariance).reshape(3, 3)
         np.testing.assert_array_equal(information, information.T)
         assert np.linalg.eigvalsh(information / information.max()).min() > -1e-15
-        sight = np.linalg.eigh(covariance)[1][:, 0]  # best known direction: its share is that of the smallest variance
+        sight = np.linalg.eigh(covariance)[1][:, 0]  # most certain direction: share by the smallest variance
         floor_m2 = 1e-12 * np.trace(covariance)
         expected = 1.0 / (np.square(min(sds_m)) + floor_m2)
         assert sight @ information @ sight == pytest.approx(expected, rel=1e-3 if max(sds_m) < 1e3 else 0.2)

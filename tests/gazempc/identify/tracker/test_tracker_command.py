@@ -1,4 +1,4 @@
-"""The command: from a recording to a sensor file, and refused recordings."""
+"""The command: from a recording to a sensor file, and refusals."""
 
 import json
 
@@ -34,9 +34,9 @@ def write_table(path, times_s=TIMES_S, position_m=SEEN_M):
     return path
 
 
-def test_a_table_of_heads(tmp_path, capsys):
+def test_a_table_of_heads_is_identified(tmp_path, capsys):
     sensor = identify(write_table(tmp_path / "anna.csv"), tmp_path)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert as_expected(sensor)
     assert sensor.name == "mine"
     assert (sensor.head_yaw.reported, sensor.pelvis_yaw.reported) == (False, False)
@@ -44,10 +44,10 @@ def test_a_table_of_heads(tmp_path, capsys):
     assert "from anna.csv" in sensor.source
     assert "latency assumed" in sensor.source
     for words in ("range: white (% of the range)", "bearing: white (deg", "latency is not measured", "only 10 s"):
-        assert words in said
+        assert words in output
 
 
-def test_lines_of_json(tmp_path, capsys):
+def test_json_lines_are_identified(tmp_path, capsys):
     path = tmp_path / "seen.jsonl"
     lines = [
         json.dumps({"capture_time_s": 1.7e9 + t, "head_position_m": p, "person_id": "anna"})
@@ -58,14 +58,14 @@ def test_lines_of_json(tmp_path, capsys):
     ]
     path.write_text("\n".join([*lines, *bob, '{"capture_time_s": 17']))
     assert as_expected(identify(path, tmp_path))
-    said = capsys.readouterr().out
-    assert "also in the file: bob (9 frames)" in said
+    output = capsys.readouterr().out
+    assert "also in the file: bob (9 frames)" in output
     assert "9 frames in" in refused(capsys, "--tracker", str(path), "--person", "bob")
     assert "--person carl: not in" in refused(capsys, "--tracker", str(path), "--person", "carl")
-    assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}:" in said
+    assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}:" in output
 
 
-def test_a_bag_with_its_latency_and_losses(tmp_path, capsys):
+def test_a_bag_gives_latency_and_losses(tmp_path, capsys):
     # Camera's axes, a face whose z axis looks at the camera, and turns by 3 deg from frame to frame.
     optical_m = SEEN_M @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     turns_rad = np.pi + np.deg2rad(3.0) * RNG.standard_normal(TIMES_S.size)
@@ -83,12 +83,12 @@ def test_a_bag_with_its_latency_and_losses(tmp_path, capsys):
     assert "optical axes turned" in capsys.readouterr().out
 
 
-def test_wander_of_a_person_who_walks_is_left_out_with_a_warning(tmp_path, capsys):
+def test_wander_of_a_walking_person_is_omitted_with_a_warning(tmp_path, capsys):
     walk_m = seen_m(RNG, person_m(RNG, TIMES_S, walks=True), TIMES_S, along=(0.02, 0.05, 1.0), across_deg=(0.1, 0, 1))
     sensor = identify(write_table(tmp_path / "walk.csv", position_m=walk_m), tmp_path)
-    said = capsys.readouterr().out
-    assert "Warning: the person moved too much" in said
-    assert "unknown" in said
+    output = capsys.readouterr().out
+    assert "Warning: the person moved too much" in output
+    assert "unknown" in output
     assert (sensor.along.wander_share, sensor.across.wander_deg) == (0.0, 0.0)
     assert "wander of range and bearing unknown" in sensor.source
 
@@ -98,7 +98,7 @@ def refused(capsys, *words):
     return capsys.readouterr().err
 
 
-def test_refused_recordings(tmp_path, capsys):
+def test_invalid_recordings_are_refused(tmp_path, capsys):
     out = ("--out", str(tmp_path / "mine.toml"))
     assert "no such recording" in refused(capsys, "--tracker", "nowhere.csv", *out)
     (tmp_path / "notes.xlsx").write_text("hello")
@@ -112,7 +112,7 @@ def test_refused_recordings(tmp_path, capsys):
     assert not (tmp_path / "mine.toml").exists()
 
 
-def test_a_sensor_file_comes_back_from_what_it_sees(tmp_path):
+def test_a_simulated_sensor_is_identified_from_its_observations(tmp_path):
     times_s = np.arange(0.0, 20.0, 1.0 / 30.0)
     standing_m = person_m(np.random.default_rng(2), times_s)
     recording = recording_from_arrays("standing", times_s, standing_m, in_base_frame=True)

@@ -1,4 +1,4 @@
-"""Known errors and times of a tracker are recovered."""
+"""Estimation of known errors and timing of a tracker."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from gazempc.identify.tracker.measure import measure_tracker
 from gazempc.identify.tracker.read import read_track
 from gazempc.identify.tracker.timing import frame_times
 
-# Long enough to know a wander of a second; half of that where none is to be known.
+# Long enough to estimate a correlation time of 1 s; half of that without wander.
 TIMES_S = np.arange(0.0, 30.0, 1.0 / 12.0)
 SHORT_S = np.arange(0.0, 16.0, 1.0 / 20.0)
 
@@ -18,7 +18,7 @@ def measured(seed, times_s, **errors):
     return measure_tracker(track_of(times_s, seen_m(rng, person_m(rng, times_s), times_s, **errors)))
 
 
-def test_stated_spread_is_that_over_recordings():
+def test_the_stated_standard_deviation_is_that_over_recordings():
     times_s = np.arange(0.0, 12.0, 1.0 / 12.0)
     errors = {"along": (0.035, 0.0, 1.0), "across_deg": (0.08, 0.0, 1.0)}
     found = [measured(seed, times_s, **errors) for seed in range(24)]
@@ -29,7 +29,7 @@ def test_stated_spread_is_that_over_recordings():
     assert sum(one.along.wander_is == "none" for one in found) >= 20
 
 
-def test_jumps_are_found_and_leave_the_rest_as_it_is():
+def test_jumps_are_detected_and_do_not_bias_other_estimates():
     rng = np.random.default_rng(4)
     position_m = seen_m(rng, person_m(rng, SHORT_S), SHORT_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
     for start in range(40, 300, 80):
@@ -53,14 +53,14 @@ def test_a_start_to_walk_is_no_jump():
     assert 9.0 < one.still_s < 15.0
 
 
-def test_a_track_without_noise_has_a_bound_only():
+def test_a_noise_free_track_gives_an_upper_bound():
     one = measure_tracker(track_of(SHORT_S, person_m(np.random.default_rng(6), SHORT_S, walks=True)))
     assert one.along.hidden
     assert one.across.hidden
     assert one.across.white.value < np.deg2rad(0.05)
 
 
-def test_yaws_are_measured_in_spite_of_half_turns():
+def test_yaw_errors_are_measured_despite_flips():
     rng = np.random.default_rng(1)
     yaw_rad = 3.0 + np.deg2rad(4.0) * rng.standard_normal(TIMES_S.size)
     yaw_rad += np.deg2rad(wander(rng, TIMES_S, 8.0, 0.8)[:, 0])
@@ -74,9 +74,9 @@ def test_yaws_are_measured_in_spite_of_half_turns():
     assert one.pelvis_yaw is None
 
 
-# Measured by other means on recordings of the same tracker: range 1 to 6 %, bearing 0.04 to 0.1 deg.
+# Independent measurements of the same tracker: range 1 to 6 %, bearing 0.04 to 0.1 deg.
 @pytest.mark.slow
-def test_errors_of_a_face_tracker(bags_dir):
+def test_errors_of_a_face_tracker_are_recovered(bags_dir):
     found = measure_tracker(read_track(bags_dir / "1p_FV_eng_1"))
     assert 0.01 < found.along.white.value < 0.08
     assert 0.02 < np.rad2deg(found.across.white.value) < 0.15
@@ -99,7 +99,7 @@ def test_late_frames_are_not_lost(late_s):
     assert found.jitter_s == pytest.approx(np.diff(GRID_S + late_s).std(), rel=1e-6, abs=1e-9)
 
 
-def test_single_losses_and_gaps_are_told_apart():
+def test_single_losses_and_gaps_are_distinguished():
     lost = np.zeros(600, dtype=bool)
     lost[[20, 60, 200, 250, 400, 450, 500, 550]] = True
     lost[101:113] = lost[301:307] = True

@@ -1,4 +1,4 @@
-"""The page of a live run in a real browser: what happens is shown, a lost connection comes back, no script fails."""
+"""The page of a live run in a real browser: displayed values, reconnection, no script error."""
 
 import http.client
 import json
@@ -30,7 +30,7 @@ def log():
 
 @pytest.fixture(scope="module")
 def moments(log):
-    """What a live run would send in two seconds, with a plan and a picture."""
+    """Messages of two seconds of a live run, with a plan and a picture."""
     jpeg = cv2.imencode(".jpg", np.zeros((1, 1, 3), np.uint8))[1].tobytes()
     plan = PlanMoment(0.0, 0.0, 0.02, log.command_position_rad[:3], 87.0)
     return [PictureMoment(0.0, jpeg), plan, *moments_of(cut(log, 0.0, 2.0))]
@@ -45,7 +45,7 @@ let n = 0; for (let k = 3; k < d.length; k += 4) n += d[k] > 0; return n;
 
 
 @pytest.mark.slow
-def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments):
+def test_the_page_shows_the_run_and_reconnects(log, moments):
     port, at = free_port(), next(each for each in reversed(moments) if isinstance(each, TickMoment))
     error_deg = np.rad2deg(gaze_error_rad(log.neck.geometry, at.joints.position_rad, at.head_true_base_m))
     orders = ViewOrders(log.run, view="web", port=port)
@@ -79,24 +79,24 @@ def test_the_page_shows_the_run_and_comes_back_after_it_was_cut_off(log, moments
                     feed.process.kill()
                     wait_for_text("connection", ends)
         wait_for_text("connection", ends)
-        # A connection that is refused is no error of a script.
+        # A refused connection is no script error.
         assert [each for each in driver.get_log("browser") if each["source"] != "network"] == []
 
 
-def test_only_this_computer_and_only_its_own_files_are_asked():
+def test_the_page_accepts_local_hosts_and_loads_its_own_files_only():
     port, host = free_port(), "127.1"
 
-    def asked(path, named):
+    def get(path, named):
         with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=120)) as connection:
             connection.request("GET", path, headers={"Host": named})
             answer = connection.getresponse()
             return answer.status, answer.getheader("Content-Security-Policy"), answer.read()
 
     with closing(WebPage(run_info(NECK), host, port)):
-        status, policy, page = asked("/", f"localhost:{port}")
+        status, policy, page = get("/", f"localhost:{port}")
         assert status == 200
         # At port 80 a browser leaves the port out. A foreign page may resolve its own name to this computer.
-        statuses = [asked("/", host)[0], asked("/", "evil.example:80")[0], asked("/../web.py", f"127.0.0.1:{port}")[0]]
+        statuses = [get("/", host)[0], get("/", "evil.example:80")[0], get("/../web.py", f"127.0.0.1:{port}")[0]]
         assert statuses == [200, 403, 404]
         with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}"):
             WebPage(run_info(NECK), "127.0.0.1", port)
@@ -105,7 +105,7 @@ def test_only_this_computer_and_only_its_own_files_are_asked():
     assert b"https://" not in page
 
 
-def test_the_error_is_against_the_observed_head_while_it_is_new(moments, log):
+def test_the_error_is_against_the_observed_head_while_it_is_recent(moments, log):
     snapshots, states = Snapshots(log.run.model_copy(update={"kind": "live"})), []
     lost_from_s = moments[-1].time_s - 1.5
     for moment in moments:

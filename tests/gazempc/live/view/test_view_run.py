@@ -1,4 +1,4 @@
-"""A live run writes MCAP while it goes on, and serves the same channels."""
+"""A live run writes MCAP continuously, and serves the same channels."""
 
 import json
 import os
@@ -47,20 +47,20 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     looking.start()
     log, path = live(tmp_path, "--duration-s", "1.5", "--view", "--view-at", f"127.0.0.1:{port}")
     looking.join(240.0)
-    said = capsys.readouterr().out
-    assert f"ws://127.0.0.1:{port}" in said
-    assert "log_000.mcap, foxglove_layout.json" in said
+    output = capsys.readouterr().out
+    assert f"ws://127.0.0.1:{port}" in output
+    assert "log_000.mcap, foxglove_layout.json" in output
     assert set(json.loads(found["/ticks"])) >= {"time_s", "joint_pan_rad", "command_tilt_rad"}
     assert json.loads(found["/metrics"])["late_ms"] >= 0.0
     layout = (tmp_path / "foxglove_layout.json").read_text()
     assert all(topic in layout for topic in ("/scene", "/metrics.gaze_error_deg", "/ticks.joint_pan_rad", "/events"))
-    # And what was served is in the file, with the lateness, which only a live run has.
+    # The served data are in the file, with the lateness, which only a live run has.
     np.testing.assert_array_equal(column(path, "/ticks", "joint_pan_rad"), log.joint_position_rad[:, 0])
     np.testing.assert_array_equal(gz.load_log(path).command_position_rad, log.command_position_rad)
     assert np.isfinite(column(path, "/metrics", "late_ms")).all()
 
 
-def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(tmp_path):
+def test_a_hanging_viewer_delays_no_tick_and_gets_the_newest_data(tmp_path):
     with closing(Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))) as feed:
         feed.take(EventMoment(0.0, "event", ""))
         time.sleep(1.0)  # sent by now
@@ -76,14 +76,14 @@ def test_a_viewer_that_hangs_delays_no_tick_and_gets_the_newest_moments(tmp_path
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_seconds(tmp_path):
+def test_a_killed_writer_is_a_problem_and_loses_at_most_2_s(tmp_path):
     words = {"sensor": "reference", "controller": "lookahead", "predictor": "constant_velocity"}
     log = cut(gz.replay("subject03_R4", **words), 0.0, 2.5)
     feed = Feed(ViewOrders(log.run, mcap_folder=tmp_path))
     for moment in moments_of(log):
         feed.take(moment)
     path, enough = tmp_path / "log_000.mcap", 2.0 * log.neck.servo_rate_hz
-    # Three flushes: at the first tick, two seconds later, and what is left of 2.5 s stays in memory.
+    # Flushes at the first tick and two seconds later; the rest of 2.5 s stays in memory.
     found = wait_for(lambda: path.exists() and len(there := times_of_what_is_there(path)) >= enough and there)
     feed.process.kill()
     feed.process.join()
@@ -94,13 +94,13 @@ def test_a_process_that_is_killed_is_a_problem_and_leaves_all_but_the_last_two_s
     np.testing.assert_array_equal(found, log.time_s[: len(found)])
 
 
-def test_a_folder_that_cannot_be_written_ends_the_start(tmp_path):
+def test_an_unwritable_folder_is_refused_at_the_start(tmp_path):
     (tmp_path / "log_000.mcap").mkdir()
     with pytest.raises(SettingsError, match=r"log_000\.mcap: cannot be written"):
         Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))
 
 
-def test_view_alone_is_foxglove_at_its_port():
+def test_view_without_a_value_serves_foxglove_at_its_default_port():
     assert parse([*QUICK, "--view", "--no-figures"]).view_address == ("127.0.0.1", 8765)
     assert parse([*QUICK, "--view", "web", "--view-at", "0.0.0.0"]).view_address == ("0.0.0.0", 8080)
 

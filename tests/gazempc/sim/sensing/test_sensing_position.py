@@ -1,4 +1,4 @@
-"""Errors of positions and yaws: sizes, correlation and directions are recovered from observations."""
+"""Errors of positions and yaws: standard deviations, correlation and directions estimated from observations."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from gazempc.sim.sensor import load_sensor
 ALONG = HEAD_M / np.linalg.norm(HEAD_M)
 LEFT = np.array([-ALONG[1], ALONG[0], 0.0])
 RANGE_M = float(np.linalg.norm(HEAD_M))
-LONG = standing(300.0)  # 9,000 frames: an s.d. of coloured noise is known to some per cent
+LONG = standing(300.0)  # 9,000 frames: the s.d. of coloured noise is estimated to some per cent
 
 
 def on_sight(errors):
@@ -47,8 +47,8 @@ def test_bearing_error_is_an_angle_on_both_axes_across():
     assert np.corrcoef(left, up)[0, 1] == pytest.approx(0.0, abs=0.04)
 
 
-def test_jumps_have_their_share_of_time_their_sizes_and_one_offset_each():
-    """Each lasts 0.3 s on average and the next begins 1.7 s after its end on average: 15 % of the time."""
+def test_jumps_have_the_stated_duration_rate_and_constant_offset():
+    """Mean duration 0.3 s, mean pause 1.7 s: 15 % of the time."""
     jumps = {"mean_interval_s": 1.7, "duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.05}
     errors = position_errors(LONG, jumps=jumps | {"size_max_m": 0.12})
     size = np.linalg.norm(errors, axis=1)
@@ -58,23 +58,23 @@ def test_jumps_have_their_share_of_time_their_sizes_and_one_offset_each():
     values, lengths = np.unique(errors[inside], axis=0, return_counts=True)
     assert len(values) == pytest.approx(300 / 2.0, rel=0.15)
     assert 3 <= lengths.min() < lengths.max() <= 16
-    # As many to each side of the three axes.
+    # Equal counts in both directions of the three axes.
     assert (values > 0).mean(axis=0) == pytest.approx(0.5, abs=0.12)
     assert np.std(values, axis=0) == pytest.approx(0.0875 / np.sqrt(3), rel=0.2)
 
 
-def test_a_jump_of_no_duration_is_a_spike_of_one_frame():
+def test_a_jump_without_duration_lasts_one_frame():
     errors = position_errors(LONG, jumps={"mean_interval_s": 0.3, "size_min_m": 0.1, "size_max_m": 0.1, "level": True})
     hit = np.linalg.norm(errors, axis=1) > 0
     assert np.linalg.norm(errors[hit], axis=1) == pytest.approx(0.1)
     assert not errors[:, 2].any()
-    # A frame is hit unless nothing falls between it and the one before.
+    # A frame is affected if an event falls between it and the previous one.
     assert hit.mean() == pytest.approx(1 - np.exp(-1 / 30 / 0.3), rel=0.1)
     assert len(np.unique(errors[hit], axis=0)) == hit.sum()
 
 
 @pytest.mark.parametrize("ids", [False, True])
-def test_the_other_person_is_shown_at_the_end_of_each_period_and_to_the_left(ids):
+def test_another_person_is_reported_at_the_end_of_each_period(ids):
     """0.7 s of every 1.8 s, 0.8 m aside: 21 of 54 frames, with the errors of the sensor on top."""
     other = {"every_s": 1.8, "shown_s": 0.7, "aside_m": 0.8, "ids": ids}
     walk = standing(18.0)
@@ -88,7 +88,7 @@ def test_the_other_person_is_shown_at_the_end_of_each_period_and_to_the_left(ids
     assert noisy - plain == pytest.approx(0.8 * shown[:, None] * LEFT / np.linalg.norm(LEFT), abs=1e-9)
 
 
-def test_the_stated_covariance_is_that_of_the_errors_and_long_along_the_line_of_sight():
+def test_the_stated_covariance_equals_that_of_the_errors():
     fields = {"along": {"noise_share": 0.035, "wander_share": 0.02, "wander_time_s": 0.1}, "states_covariance": True}
     observations = seen(LONG, across={"noise_deg": 0.5}, **fields)
     for each in observations[:20]:
@@ -103,7 +103,7 @@ def test_the_stated_covariance_is_that_of_the_errors_and_long_along_the_line_of_
     assert np.cov(errors.T) == pytest.approx(stated, abs=0.08 * stated.max())
 
 
-def test_a_sensor_that_states_no_covariance_states_none_and_one_without_errors_may_not():
+def test_covariances_are_optional_and_require_errors():
     assert seen(standing(1.0), position_noise_m=0.01)[0].position_covariance_m2 is None
     each = seen(standing(1.0), position_noise_m=0.03, position_wander_m=0.04, states_covariance=True)[0]
     assert each.position_covariance_m2 == pytest.approx(0.0025 * np.eye(3))
@@ -111,7 +111,7 @@ def test_a_sensor_that_states_no_covariance_states_none_and_one_without_errors_m
         sensor(states_covariance=True, along={"noise_m": 0.1})
 
 
-def test_errors_of_different_kinds_and_of_different_recordings_share_no_noise():
+def test_errors_of_different_kinds_and_recordings_are_independent():
     walk = standing(60.0)
     on_sight = position_errors(walk, along={"noise_m": 0.1}) @ ALONG
     on_axes = position_errors(walk, position_wander_m=0.1, position_wander_time_s=1e-3)
@@ -144,7 +144,7 @@ def test_each_yaw_has_its_own_white_error_and_wander():
             assert correlation(found, lag) == pytest.approx(expected, abs=0.08)
 
 
-def test_yaw_flips_and_is_lost_only_while_the_person_faces_away():
+def test_yaw_flips_and_losses_occur_only_facing_away():
     """Turning on the spot; of the time facing away a quarter is flipped and an eighth is lost."""
     angle_deg = np.rad2deg(np.linspace(0.0, 2 * np.pi * 50, 300 * 30))
     walk = standing(300.0, facing_away_deg=angle_deg)
@@ -159,16 +159,16 @@ def test_yaw_flips_and_is_lost_only_while_the_person_faces_away():
     assert not np.isnan(yaw_errors(walk, pelvis_yaw=fate, part="head")).any()
 
 
-def test_a_flip_holds_for_its_mean_time():
+def test_flips_have_the_stated_mean_duration():
     walk = standing(300.0, facing_away_deg=180.0)
     flipped = np.abs(yaw_errors(walk, head_yaw={"flipped_share": 0.5, "hold_s": 0.5})) > 3.0
-    # Half of the new draws give the other state: a state holds twice the mean time of a draw.
+    # Half of the draws change the state: a state lasts twice the mean time between draws.
     changes = np.count_nonzero(np.diff(flipped.astype(int)))
     per_frame = 1 - np.exp(-1 / 30 / 0.5)
     assert changes == pytest.approx(300 * 30 * per_frame / 2, rel=0.1)
 
 
-def test_stated_sds_of_yaws_are_those_of_white_error_and_wander_where_there_is_a_yaw():
+def test_stated_yaw_deviations_combine_white_error_and_wander():
     away = standing(20.0, facing_away_deg=180.0)
     yaws = {"head_yaw": {"wander_deg": 4.0, "lost_share": 0.5}, "pelvis_yaw": {"reported": False}}
     observations = seen(away, 0, states_covariance=True, position_noise_m=0.01, yaw_noise_deg=2.0, **yaws)
@@ -196,7 +196,7 @@ TOML = 'name = "x"\nsource = "x"\nrate_hz = 30.0\nlatency_s = 0.0\n'
         ("[other_person]\nevery_s = 1\nshown_s = 1\n", "other_person: shown_s .*every_s"),
     ],
 )
-def test_a_wrong_field_is_named_with_what_is_accepted(tmp_path, text, message):
+def test_an_invalid_field_is_reported_with_the_accepted_values(tmp_path, text, message):
     path = tmp_path / "wrong.toml"
     path.write_text(TOML + text)
     with pytest.raises(SettingsError, match=f"wrong.toml: {message}"):
@@ -216,5 +216,5 @@ def test_a_wrong_field_is_named_with_what_is_accepted(tmp_path, text, message):
         ({"pelvis_yaw": {"flipped_share": 0.1}}, True),
     ],
 )
-def test_what_depends_on_the_robots_place(fields, depends):
+def test_dependence_on_the_robot_position_is_detected(fields, depends):
     assert sensor(**fields).depends_on_place is depends

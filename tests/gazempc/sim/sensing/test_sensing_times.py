@@ -1,4 +1,4 @@
-"""Frames taken, lost and delayed, their stamps, and the field of view."""
+"""Frame sampling, loss, delay and stamps, and the field of view."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def captures_and_arrivals(recording, seed=1, **fields):
     return np.array([s.observation.capture_time_s for s in sightings]), np.array([s.arrival_s for s in sightings])
 
 
-def test_jitter_of_latency_is_uniform_and_stamps_stay_right():
+def test_latency_jitter_is_uniform_and_leaves_stamps_exact():
     walk = standing(200.0)
     timing = {"latency_jitter_s": 0.21, "keeps_order": False}
     captures, arrivals = captures_and_arrivals(walk, latency_s=0.04, timing=timing)
@@ -29,7 +29,7 @@ def test_jitter_of_latency_is_uniform_and_stamps_stay_right():
     assert (latency.min(), latency.mean(), latency.max()) == pytest.approx((0.04, 0.145, 0.25), abs=0.003)
 
 
-def test_kept_order_lets_frames_wait_for_those_before():
+def test_in_order_delivery_delays_later_frames():
     walk = standing(60.0)
     timing = {"latency_jitter_s": 0.21}
     captures, arrivals = captures_and_arrivals(walk, timing=timing)
@@ -40,7 +40,7 @@ def test_kept_order_lets_frames_wait_for_those_before():
         assert arrival == max(alone[: i + 1])
 
 
-def test_stamps_err_by_a_constant_and_by_noise_and_arrivals_do_not():
+def test_stamp_errors_do_not_change_arrivals():
     walk = standing(200.0)
     stamps, arrivals = captures_and_arrivals(walk, timing={"stamp_offset_s": 0.06, "stamp_noise_s": 0.004})
     np.testing.assert_array_equal(arrivals, walk.times_s)
@@ -49,7 +49,7 @@ def test_stamps_err_by_a_constant_and_by_noise_and_arrivals_do_not():
     assert error.std() == pytest.approx(0.004, rel=0.03)
 
 
-def test_frames_come_later_than_at_the_nominal_rate_by_their_jitter():
+def test_frame_intervals_exceed_the_nominal_period_by_jitter():
     """4 to 30 frames a second, irregular, of a recording of 1000."""
     walk = standing(60.0, rate_hz=1000.0)
     waits = np.diff(captures_and_arrivals(walk, timing={"frame_jitter_s": 0.25 - 1 / 30})[0])
@@ -57,13 +57,13 @@ def test_frames_come_later_than_at_the_nominal_rate_by_their_jitter():
     assert waits.mean() == pytest.approx((1 / 30 + 0.25) / 2, rel=0.05)
 
 
-def test_bursts_of_loss_have_their_durations_and_intervals():
+def test_loss_bursts_have_the_stated_durations_and_intervals():
     loss = {"mean_interval_s": 2.0, "duration_min_s": 0.3, "duration_max_s": 1.0}
     captures, _ = captures_and_arrivals(LONG, loss=loss)
     gaps = np.diff(captures)
     gaps = gaps[gaps > 0.05]
     assert gaps.min() >= 0.3
-    # Now and then the next one begins before a frame is taken.
+    # Sometimes the next one begins before a frame is taken.
     assert (gaps > 1.0 + 2 / 30).mean() < 1.5 * (1 - np.exp(-1 / 30 / 2.0))
     assert np.median(gaps) == pytest.approx(0.65 + 1 / 30, abs=0.08)
     assert captures.size / LONG.times_s.size == pytest.approx(2.0 / 2.65, abs=0.04)
@@ -88,7 +88,7 @@ def test_a_view_of_75_by_65_degrees(head_m, visible):
     assert len(found) == (60 if visible else 30)
 
 
-def test_the_view_is_of_where_the_head_is_and_the_range_of_what_is_measured():
+def test_view_limits_use_true_heads_and_range_limits_measured_ones():
     walk = standing(30.0)
     view = {"horizontal_deg": 75.0, "vertical_deg": 65.0}
     assert len(seen(walk, across={"noise_m": 2.0}, view=view)) == 900
@@ -100,28 +100,28 @@ GEOMETRY = Geometry(tilt_axis_in_pan_m=(0.02, 0.01, 0.05), eye_in_tilt_m=(0.04, 
 
 
 def observed(on, width_deg, start_offset_deg=0.0):
-    """Capture times of the frames of a walk past the robot that are used."""
+    """Capture times of the observed frames of a walk past the robot."""
     view = {"on": on, "horizontal_deg": width_deg, "vertical_deg": 60.0}
     settings = QUICK.model_copy(update={"start_offset_deg": start_offset_deg})
     log = replayed(synthetic("subject03_R4"), "lookahead", settings=settings, sensor=sensor(latency_s=0.066, view=view))
     return log.capture_time_s
 
 
-def test_what_the_neck_looks_at_is_straight_ahead():
+def test_the_gaze_target_is_at_the_centre_of_a_head_mounted_view():
     target_m = np.array([1.5, -0.8, 0.6])
     angles_rad = look_at_rad(GEOMETRY, target_m)
     distance_m = np.linalg.norm(target_m - gaze_ray(GEOMETRY, angles_rad)[0])
     assert seen_from_head(GEOMETRY, angles_rad, target_m) == pytest.approx([distance_m, 0.0, 0.0], abs=1e-12)
 
 
-def test_a_view_that_turns_keeps_who_leaves_a_fixed_one():
+def test_a_turning_view_keeps_a_person_who_leaves_a_fixed_one():
     everything = observed("base", 360.0).size
     assert observed("head", 30.0).size == everything
     assert observed("base", 30.0).size < 0.5 * everything
 
 
-def test_who_is_out_of_the_turned_view_at_the_start_is_seen_once_they_walk_into_it():
-    """The neck holds still until then, so the view is where it was at the start."""
+def test_people_are_observed_once_they_enter_the_turned_view():
+    """The neck is at rest until then, so the view is the initial one."""
     walk, neck = synthetic("subject03_R4"), load_neck("reference")
     bearing_rad = look_at_rad(neck.geometry, walk.truth.head_position_m)[:, 0]
     start_rad = min(bearing_rad[0] + np.radians(45.0), neck.position_max_rad[0])
