@@ -52,7 +52,8 @@ N_SPREAD = 12 + N_ERRORS + N_COLOURS
 
 # Errors of a precise tracker, such as motion capture, metres: full weight and none, for the white error of the position
 # (at least 2 mm, the floor of `MeasuredNoise`) and for third differences over four frames, which hold gait alone there.
-# Chosen on 13 walks: trackers with at most 2 mm of white error that wander by 8 to 20 mm have at most 0.2 % more error.
+# Chosen on 13 walks: trackers with at most 2 mm of white error that wander by 8 to 20 mm have 0.1 % more error in the
+# mean, 1.3 % in one walk.
 _PRECISE_WHITE_M, _PRECISE_WANDER_M = (0.0025, 0.0032), (0.0065, 0.008)
 # Share of measurements in both errors from which the weight is full: for the wander a quarter of a second. Trackers
 # below 14 frames a second, whose white error is not measured, are not precise: with `reference` at 10 Hz the networks
