@@ -108,8 +108,8 @@ class CoordinatedTurn(Refinement):
     """CTRV filter: constant speed and a turn rate that decays.
 
     A `ConstantVelocity` filter provides gate, height and initialisation. Below 0.2 m/s the heading is undefined, and
-    the forecast is that of the `ConstantVelocity` filter. A measured yaw is modelled as the heading plus a constant offset
-    of the person, which the filter estimates. The stated variance of the yaw is added to that of the body's swing.
+    the forecast is that of the `ConstantVelocity` filter. A measured yaw is modelled as the heading plus a constant
+    offset of the person, which the filter estimates. The stated variance of the yaw is added to that of the swing.
 
     Args:
         yaw_cues: Orientations that are used, if an observation has them.
