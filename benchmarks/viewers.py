@@ -40,7 +40,7 @@ PORT = 18765
 
 
 class Timed(LiveRun):
-    """A run that notes how long each tick took."""
+    """A run that records the computing time of each tick."""
 
     def __init__(self, *parts: Any) -> None:
         super().__init__(*parts)
@@ -53,7 +53,7 @@ class Timed(LiveRun):
 
 
 def read_all(kind: str) -> None:
-    """A client of what is served, in a process of its own."""
+    """Client that reads all served data, in a separate process."""
     if kind == "web":
         with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/state") as answer:
             while answer.readline():
@@ -71,13 +71,13 @@ def run_once(kind: str, seconds: float, out: Path) -> list[float]:
     """One run.
 
     Args:
-        kind: Which viewers.
-        seconds: How long.
-        out: Where it writes.
+        kind: The viewers.
+        seconds: Duration.
+        out: Output folder.
 
     Returns:
-        Of the ticks in milliseconds: late at the median and at the 99th percentile, taken at the same, and taken for
-        telling viewers, on average.
+        Milliseconds: median and 99th percentile of the ticks' lateness, the same of their duration, and mean time to
+        notify viewers.
     """
     base = ["--source", "replay", "--passes", "99", "--out", str(out), "--view-at", f"127.0.0.1:{PORT}"]
     settings: LiveSettings = parse([*base, *KINDS[kind]])
