@@ -1,9 +1,8 @@
-"""What viewers cost a live run: `python -m benchmarks.viewers`.
+"""Overhead of viewers in a live run: `python -m benchmarks.viewers`.
 
 The same replay runs on the real clock without viewers, with MCAP files, with the web page and with Foxglove's server,
-in turns. Page and server each have one client that reads all. Reported, as medians over the rounds: how late ticks
-began, how long they took, and how much of that went into telling viewers. All depends on the machine, and on what else
-it does.
+in turns. Page and server have one client each, which reads all data. Reported, as medians over the rounds: lateness and
+duration of ticks, and the part of the duration that notifies viewers. Results depend on the machine and its load.
 """
 
 from __future__ import annotations

@@ -108,11 +108,11 @@ def calibrate(spread: Spread, found: Found) -> Spread:
     limits = 3.0 * f_distribution.ppf(_NOMINAL, 3, spread.degrees_of_freedom)
     log_spread, noise_share = spread.log_spread.copy(), spread.noise_share.copy()
     for knot in range(distance2.shape[1]):
-        known = np.isfinite(distance2[:, knot]) & (found.weight > 0)
-        if not known.any():
+        valid = np.isfinite(distance2[:, knot]) & (found.weight > 0)
+        if not valid.any():
             continue
-        inside = distance2[known, knot][:, None, None] <= (_SCALES**2)[:, None] * limits
-        coverage = np.average(inside, axis=0, weights=found.weight[known])
+        inside = distance2[valid, knot][:, None, None] <= (_SCALES**2)[:, None] * limits
+        coverage = np.average(inside, axis=0, weights=found.weight[valid])
         scale = _SCALES[np.argmin(np.max(np.abs(coverage - _NOMINAL), axis=1))]
         log_spread[0, knot] += np.log(scale)
         noise_share[knot] *= scale
@@ -142,12 +142,12 @@ class SpreadLikelihood:
     """
 
     def __init__(self, found: Found) -> None:
-        known = np.asarray(np.isfinite(found.error_m).all(axis=2))
+        valid = np.asarray(np.isfinite(found.error_m).all(axis=2))
         self._u, self._noise2 = found.doubt, found.noise_m**2
-        self._error2 = np.where(known[..., None], found.error_m, 0.0) ** 2
-        self._weight = known * found.weight[:, None]
+        self._error2 = np.where(valid[..., None], found.error_m, 0.0) ** 2
+        self._weight = valid * found.weight[:, None]
         self._weight /= max(float(self._weight.sum()), 1e-9)
-        features, knots = found.doubt.shape[1], known.shape[1]
+        features, knots = found.doubt.shape[1], valid.shape[1]
         self._shapes = ((features, 3 * knots), (features, _HIDDEN), (_HIDDEN, 3 * knots), (knots,), (1,))
 
     def parts(self, x: FloatArray) -> list[FloatArray]:

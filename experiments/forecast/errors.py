@@ -205,8 +205,8 @@ def forecast_errors(
         predictor.update(observation)
         update_us.append(1e6 * (time.perf_counter() - started))
         forecast = predictor.forecast(capture_s + horizons_s)
-        stated = forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom
-        found.append((capture_s, reference.state()[1][:3], *stated))
+        outputs = forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom
+        found.append((capture_s, reference.state()[1][:3], *outputs))
     captures_s, positions, means, covariances, freedom = (np.array(column) for column in zip(*found, strict=True))
     scored = captures_s >= captures_s[0] + RUN_IN_S - 1e-9
     ahead_s = captures_s[scored, None] + horizons_s
@@ -244,9 +244,9 @@ def _along_across_up(difference_m: FloatArray, true_head: TrueHead, capture_s: F
 
 def _nees(difference_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
     nees = np.full(difference_m.shape[:2], np.nan)
-    stated = np.linalg.det(covariance_m2) > 0
-    solved = np.linalg.solve(covariance_m2[stated], difference_m[stated][..., None])[..., 0]
-    nees[stated] = np.sum(difference_m[stated] * solved, axis=-1)
+    regular = np.linalg.det(covariance_m2) > 0
+    solved = np.linalg.solve(covariance_m2[regular], difference_m[regular][..., None])[..., 0]
+    nees[regular] = np.sum(difference_m[regular] * solved, axis=-1)
     return nees
 
 

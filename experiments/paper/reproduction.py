@@ -232,14 +232,14 @@ def _rows(recordings: Sequence[str], folder: Path, settings: PaperSettings) -> d
     times_s = sorted({*filters.FILTER_TIMES_S, settings.filter_time_s})
     with_all_rules = {settings.filter_time_s, filters.SLOW_TIME_S}
     # Ordered by recording: a worker reads each file once.
-    asked = [(name, time_s) for name in recordings for time_s in times_s]
+    requests = [(name, time_s) for name in recordings for time_s in times_s]
     jobs = [
         FrameJob(in_place(name), time_s, tuple(RULES) if time_s in with_all_rules else ("paper",), settings.seed)
-        for name, time_s in asked
+        for name, time_s in requests
     ]
     with Engine(folder / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
-    rows = [labelled(name, result) for (name, _), result in zip(asked, results, strict=True)]
+    rows = [labelled(name, result) for (name, _), result in zip(requests, results, strict=True)]
     return {time_s: rows[i :: len(times_s)] for i, time_s in enumerate(times_s)}
 
 

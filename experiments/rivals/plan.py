@@ -139,8 +139,8 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
         of_trial = [run for run in runs if run["trial"] in _COMBINED.get(trial, (trial,))]
         for here in grouped(of_trial, "neck", "sensor").values():
             by_rival = grouped(here, "rival")
-            best_known = {_clip(run): run["eye_contact_2p6"] for run in by_rival.get((OUR_DEFAULT,), ())}
-            part = [_row(trial, by_rival[name,], best_known) for name in NAMES if (name,) in by_rival]
+            default_contact = {_clip(run): run["eye_contact_2p6"] for run in by_rival.get((OUR_DEFAULT,), ())}
+            part = [_row(trial, by_rival[name,], default_contact) for name in NAMES if (name,) in by_rival]
             rows += sorted(part, key=_rank)
     return rows
 

@@ -120,7 +120,7 @@ class Figures(_Strict):
 
 
 class Case(_Strict):
-    """A named part of a sweep; what it does not say is as in the sweep."""
+    """A named part of a sweep; unset fields have the values of the sweep."""
 
     name: str = Field(min_length=1)
     base: Base = {}

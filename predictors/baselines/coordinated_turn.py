@@ -205,13 +205,13 @@ class CoordinatedTurn(Refinement):
         since_s = observation.capture_time_s - self._time_s
         x, P = self._predict(np.array([since_s]))
         ekf.x, ekf.P = x[0], P[0]
-        seen = observation.head_position_base_m[:2]
+        measured_m = observation.head_position_base_m[:2]
         R = noise_m2(observation, self._R)[:2, :2]
         spread = np.eye(3)  # the height is gated by the constant-velocity filter
         spread[:2, :2] = ekf.P[:2, :2] + R
-        if not is_near(np.append(seen - ekf.x[:2], 0.0), spread, since_s):
+        if not is_near(np.append(measured_m - ekf.x[:2], 0.0), spread, since_s):
             return False
-        ekf.update(seen, lambda _: np.eye(2, 7), lambda x: x[:2], R=R)
+        ekf.update(measured_m, lambda _: np.eye(2, 7), lambda x: x[:2], R=R)
         cues = (observation.pelvis_quat_wxyz, observation.head_quat_wxyz)
         stated_rad = (observation.pelvis_yaw_sd_rad, observation.head_yaw_sd_rad)
         for i, quat in enumerate(cues[: _CUES_USED[self._yaw_cues]]):

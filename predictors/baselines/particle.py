@@ -131,8 +131,8 @@ class ParticleFilter(Refinement):
         self._place = self._place + ((before[:, 0] + after[:, 0]) / 2.0)[:, None] * way
         self._motion = after
 
-    def _update_weights(self, seen_m: FloatArray, R: FloatArray) -> None:
-        off_m = seen_m - self._place
+    def _update_weights(self, measured_m: FloatArray, R: FloatArray) -> None:
+        off_m = measured_m - self._place
         distance2 = np.sum(off_m @ np.linalg.inv(R) * off_m, axis=1) / _LIKELIHOOD_WIDENING**2
         if not np.min(distance2) <= _UNEXPLAINED_D2:
             self._initialise()

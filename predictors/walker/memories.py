@@ -108,13 +108,13 @@ class Memories:
 
         newest_x, newest_y, newest_z = newest_m.tolist()
         places = [rotated(newest_x - at_x, newest_y - at_y, newest_z - at_z)]
-        found: list[float] = []
+        features: list[float] = []
         for x, y, z, u, v, w in self._states:
             places.append(rotated(x - at_x, y - at_y, z - at_z))
-            found += [part / _POSITION_SCALE_M for part in places[-1]]
-            found += [part / _VELOCITY_SCALE_M_S for part in rotated(u - velocity_x, v - velocity_y, w - velocity_z)]
+            features += [part / _POSITION_SCALE_M for part in places[-1]]
+            features += [part / _VELOCITY_SCALE_M_S for part in rotated(u - velocity_x, v - velocity_y, w - velocity_z)]
         for x, y, z, _ in self._means:
             places.append(rotated(x - at_x, y - at_y, z - at_z))
-            found += [part / _MEAN_SCALE_M for part in places[-1]]
-        found += [math.log(max(math.sqrt(max(m2, 0.0)), _LEAST_SWAY_M) / _SWAY_SCALE_M) for *_, m2 in self._means]
-        return found, places
+            features += [part / _MEAN_SCALE_M for part in places[-1]]
+        features += [math.log(max(math.sqrt(max(m2, 0.0)), _LEAST_SWAY_M) / _SWAY_SCALE_M) for *_, m2 in self._means]
+        return features, places

@@ -68,13 +68,13 @@ def smooth_path(
     share = (at - left)[:, None]
     rest = 1.0 - share
     newest_m = positions_m[-1]
-    seen = (information.reshape(n, 3, 3) @ (positions_m - newest_m)[:, :, None])[:, :, 0]
+    weighted = (information.reshape(n, 3, 3) @ (positions_m - newest_m)[:, :, None])[:, :, 0]
     # Sums over the positions at each node, as one product.
     table = np.empty((2 * n, 12))
     np.multiply(rest * rest, information, out=table[:n, :9])
     np.multiply(share * share, information, out=table[n:, :9])
-    np.multiply(rest, seen, out=table[:n, 9:])
-    np.multiply(share, seen, out=table[n:, 9:])
+    np.multiply(rest, weighted, out=table[:n, 9:])
+    np.multiply(share, weighted, out=table[n:, 9:])
     choose = np.zeros((nodes, 2 * n))
     columns = np.arange(n)
     choose[left, columns] = choose[left + 1, n + columns] = 1.0

@@ -109,6 +109,6 @@ class TrackWindow:
         left = right - 1
         begin_s, low = times[left], values[left]
         share = np.maximum((grid - begin_s) / (times[right] - begin_s), 0.0)
-        seen = low + share[:, None] * (values[right] - low)
+        resampled = low + share[:, None] * (values[right] - low)
         at = np.maximum((times - now_s) / STEP_S + (m - 1), 0.0)
-        return smooth_path(at, values[:, :3], self._information, m, STEP_S), seen
+        return smooth_path(at, values[:, :3], self._information, m, STEP_S), resampled
