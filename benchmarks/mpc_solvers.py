@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 
-# One thread for linear algebra: CPU time counts the waiting of others. Must be set before numpy is imported.
+# One thread for linear algebra: CPU time includes busy waiting of others. Must be set before NumPy is imported.
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import json

@@ -14,7 +14,7 @@ import tyro
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("gazempc", "experiments", "predictors", "benchmarks", "examples", "tests")
-# A module with fewer lines of code is worth a file only if it is an interface.
+# Threshold of small modules, which are justified only as interfaces.
 SMALL_LINES = 40
 _NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING,
@@ -26,10 +26,10 @@ def code_lines(source: str) -> int:
     """Lines of code of a module.
 
     Args:
-        source: Its text.
+        source: Source text.
 
     Returns:
-        The number of lines without docstrings, comments and blank lines.
+        Number of lines without docstrings, comments and blank lines.
     """
     lines: set[int] = set()
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
@@ -58,13 +58,13 @@ def words(folder: Path) -> int:
 
 
 def table(root: Path) -> list[str]:
-    """The table of a checkout: each package, and each folder directly below it.
+    """Table of a checkout: packages, and folders directly below them.
 
     Args:
         root: Folder of the checkout.
 
     Returns:
-        Its lines; a package's own line counts everything below it.
+        Lines of the table; that of a package includes its subfolders.
     """
     rows = [f"{'folder':<30}{'lines':>8}{'modules':>9}{f'< {SMALL_LINES}':>6}"]
     for package in PACKAGES:

@@ -33,25 +33,25 @@ from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.simulated import SimulatedNeck
 
 WARM_UP_S = 60.0
-# More passes of the recording than there is time for.
+# Upper bound of the number of passes per minute.
 _PASSES_PER_MIN = 20
 
 
 def rss_mib() -> float:
-    """Memory of this process in use, MiB."""
+    """Resident set size of this process, MiB."""
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 2.0**20
 
 
 def soak(minutes: float, neck: NeckSpec) -> dict[str, Any]:
-    """Run for some minutes.
+    """Run for a duration.
 
     Args:
-        minutes: Duration.
+        minutes: Duration, minutes.
         neck: The neck, with its rates.
 
     Returns:
-        The figures.
+        Metrics by name.
     """
     passes = str(2 + round(_PASSES_PER_MIN * minutes))
     setup = build(parse(["--source", "replay", "--passes", passes, "--no-figures", "--log", "npz"]))

@@ -20,7 +20,7 @@ from gazempc.sim.scene import make_scene
 
 # Each of the six routes once, by different people.
 RECORDINGS = ("subject01_R1", "subject03_R4", "subject05_R2", "subject07_R6", "subject10_R5", "subject12_R3")
-# More threads cost more than these small matrices gain, and each counts as CPU time.
+# One thread: more are slower for matrices this small, and each counts as CPU time.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -30,7 +30,7 @@ def measure(controller: str, predictor: str, repetitions: int) -> tuple[list[flo
     Args:
         controller: Name of the controller.
         predictor: Name of the predictor.
-        repetitions: Replays of each recording; the fastest counts, as other programs delay the others.
+        repetitions: Replays of each recording, of which the fastest counts: the least disturbed by other programs.
 
     Returns:
         Simulated seconds per CPU second of each recording; CPU time of the first replay, seconds.
@@ -56,7 +56,7 @@ def main(repetitions: int = 3) -> None:
     os.environ.update(_ONE_THREAD)
     print(f"{'gaze':<10} {'forecast':<18} simulated s per CPU s (slowest walk), CPU s of the first replay")
     for controller, predictor in itertools.product(("reactive", "lookahead", "mpc"), ("constant_velocity", "walker")):
-        # A process of its own, as of a worker of an experiment.
+        # A separate process, like a worker of an experiment.
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
             rates, first_s = pool.submit(measure, controller, predictor, repetitions).result()
         mean = sum(rates) / len(rates)

@@ -1,9 +1,8 @@
-"""What viewers cost a live run: `python -m benchmarks.viewers`.
+"""Overhead of viewers in a live run: `python -m benchmarks.viewers`.
 
 The same replay runs on the real clock without viewers, with MCAP files, with the web page and with Foxglove's server,
-in turns. Page and server each have one client that reads all. Reported, as medians over the rounds: how late ticks
-began, how long they took, and how much of that went into telling viewers. All depends on the machine, and on what else
-it does.
+in turns. Page and server have one client each, which reads all data. Reported, as medians over the rounds: lateness and
+duration of ticks, and the part of the duration that notifies viewers. Results depend on the machine and its load.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ PORT = 18765
 
 
 class Timed(LiveRun):
-    """A run that notes how long each tick took."""
+    """A run that records the computing time of each tick."""
 
     def __init__(self, *parts: Any) -> None:
         super().__init__(*parts)
@@ -53,7 +52,7 @@ class Timed(LiveRun):
 
 
 def read_all(kind: str) -> None:
-    """A client of what is served, in a process of its own."""
+    """Client that reads all served data, in a separate process."""
     if kind == "web":
         with urllib.request.urlopen(f"http://127.0.0.1:{PORT}/state") as answer:
             while answer.readline():
@@ -71,13 +70,13 @@ def run_once(kind: str, seconds: float, out: Path) -> list[float]:
     """One run.
 
     Args:
-        kind: Which viewers.
-        seconds: How long.
-        out: Where it writes.
+        kind: The viewers.
+        seconds: Duration.
+        out: Output folder.
 
     Returns:
-        Of the ticks in milliseconds: late at the median and at the 99th percentile, taken at the same, and taken for
-        telling viewers, on average.
+        Milliseconds: median and 99th percentile of the ticks' lateness, the same of their duration, and mean time to
+        notify viewers.
     """
     base = ["--source", "replay", "--passes", "99", "--out", str(out), "--view-at", f"127.0.0.1:{PORT}"]
     settings: LiveSettings = parse([*base, *KINDS[kind]])

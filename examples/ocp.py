@@ -1,6 +1,6 @@
-"""The MPC's problem as one would write it on a blackboard, solved by CasADi's Opti and IPOPT; `gz.Mpc` finds the same.
+"""The MPC's optimal control problem in direct form, solved by CasADi's Opti and IPOPT, with the solution of `gz.Mpc`.
 
-A joint at rest is to look 12 deg to the side, one dead time from now. Compare `gazempc/controllers/mpc/problem.py`.
+A joint at rest has a step reference of 12 deg after one dead time. Compare `gazempc/controllers/mpc/problem.py`.
 """
 
 import casadi as ca
@@ -11,13 +11,13 @@ import gazempc as gz
 
 neck = gz.load_neck("reference")
 wn, zeta, period_s, h = 12.0, 0.9, 0.02, 0.005  # servo; control and servo period
-T, T_j, rho = 0.12, 0.025, 300.0  # smoothing time, weight of the jerk, price of a slack
-steps = [1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 4, 5, 6, 7]  # lengths in control periods: later ones are longer
-most = neck.command_limits  # of the command; the servo overshoots by 0.15 %
+T, T_j, rho = 0.12, 0.025, 300.0  # smoothing time, time constant of the jerk weight, slack penalty
+steps = [1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 4, 5, 6, 7]  # step lengths in control periods (move blocking)
+most = neck.command_limits  # limits of the command; the servo overshoots by 0.15 %
 
 
 def follow(z, j, seconds):
-    """Joint and command, z = [q, v, u, du, ddu], under the command's jerk j; the servo holds the command for h."""
+    """State z = [q, v, u, du, ddu] of joint and command after constant jerk j of the command; zero-order hold over h."""
     servo = ca.DM(expm(h * np.array([[0.0, 1.0, 0.0], [-(wn**2), -2.0 * zeta * wn, wn**2], [0.0, 0.0, 0.0]])))
     for _ in range(round(seconds / h)):
         u, du, ddu = z[2] + h * z[3] + h**2 / 2 * z[4] + h**3 / 6 * j, z[3] + h * z[4] + h**2 / 2 * j, z[4] + h * j
@@ -26,7 +26,7 @@ def follow(z, j, seconds):
 
 
 def solve(z0, r):
-    """Jerks, and z at the ends of the steps, of the motion from z0 after the reference r, shape (16,), radians."""
+    """Optimal jerks, and z at the ends of the steps, from z0 for the reference r, shape (16,), radians."""
     opti, cost = ca.Opti(), 0.0
     j, slack, z = opti.variable(len(steps)), opti.variable(3, len(steps)), [ca.DM(z0)]
     for k, length in enumerate(steps):

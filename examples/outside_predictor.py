@@ -1,4 +1,4 @@
-"""A predictor from outside in ten lines: a g-h filter of filterpy, whose velocity fades with a time constant of 2 s."""
+"""A predictor from another library in ten lines: filterpy's g-h filter, with velocity decay (time constant 2 s)."""
 
 import numpy as np
 from filterpy.gh import GHFilter

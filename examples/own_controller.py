@@ -11,17 +11,17 @@ class Early:
 
     def __init__(self, neck: gz.NeckSpec, ahead_s: float = 1.0):
         self.neck, self.ahead_s = neck, ahead_s
-        self.name = f"early_{ahead_s}"  # in tables and logs; without it the class's name
+        self.name = f"early_{ahead_s}"  # in tables and logs; default: the class's name
 
     def reset(self):
         pass
 
     def forecast_times_s(self, start_s, newest_capture_s):
-        """Times for which `plan` is then given a forecast."""
+        """Times of the forecast that `plan` receives."""
         return np.array([start_s + self.ahead_s])
 
     def plan(self, situation):
-        """Commands from `situation.start_s` on; the loop makes a motion within limits of them."""
+        """Commands from `situation.start_s` on; the loop smooths them within the limits."""
         head_m = situation.forecast.means_base_m[0]
         angles_rad = look_at_rad(self.neck.geometry, head_m)
         position_rad = self.neck.command_limits.clip_position(angles_rad)[None]

@@ -1,4 +1,4 @@
-"""A predictor of your own: the head goes on with the mean velocity of the last 0.3 s."""
+"""A predictor of your own: extrapolation with the mean velocity of the last 0.3 s."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class MeanVelocity:
         return gz.Forecast(
             times_s=times_s,
             means_base_m=self.heads_m[-1] + ahead_s[:, None] * velocity_m_s,
-            # How sure it is: a standard deviation of 10 mm, and 200 mm more for each second ahead.
+            # Standard deviation on each axis: 10 mm, plus 200 mm for each second ahead.
             covariances_m2=np.square(0.01 + 0.2 * np.abs(ahead_s))[:, None, None] * np.eye(3),
             issued_at_s=self.times_s[-1],
         )

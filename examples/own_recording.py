@@ -1,4 +1,4 @@
-"""A walk of your own, from arrays: somebody comes round a corner to the robot's left."""
+"""A recording from arrays: a person turns a corner to the robot's left."""
 
 import numpy as np
 

@@ -4,7 +4,7 @@ The same from a shell, in the folder of this file:
 
     python -m gazempc.live --source replay --robot own_robot:MyNeck --simulated-clock --options.offset_deg 1.5
 
-The neck file `reference` says 0.4 s of dead time, and this neck has 0.1 s. Measure it, and give the file by --neck:
+The dead time is 0.4 s in the neck file `reference` and 0.1 s on this neck. Identify it, and use the file with --neck:
 
     python -m gazempc.identify --robot own_robot:MyNeck --out my_neck.toml
 """
@@ -19,13 +19,13 @@ from gazempc.live.session import main
 
 
 class MyNeck:
-    """A robot has four methods. Here two servos behind 0.1 s of dead time stand for the driver.
+    """A robot has four methods. Two simulated servos with 0.1 s of dead time replace the driver here.
 
-    The constructor is given what it asks for by name: `neck`, `clock_s`, `clock`, `position_rad`, `seed`. Everything
-    else comes from --options.
+    Arguments of the constructor are supplied by name: `neck`, `clock_s`, `clock`, `position_rad`, `seed`. Others come
+    from --options.
     """
 
-    # It lives in the loop's time, so it may run on a simulated clock. A real robot does not say this.
+    # Uses the loop's clock, so a simulated clock is possible. Not for a real robot.
     keeps_any_clock = True
 
     def __init__(self, neck: gz.NeckSpec, clock_s, position_rad, offset_deg: float = 0.0):
@@ -34,7 +34,7 @@ class MyNeck:
         self.on_the_way = deque([self.joint_rad] * round(0.1 * neck.servo_rate_hz))
 
     def connect(self):
-        pass  # raise gazempc.errors.RobotError if it does not answer, with what to check
+        pass  # raise gazempc.errors.RobotError with advice if the robot does not respond
 
     def read_state(self):
         return gz.JointState(self.clock_s(), self.joint_rad + self.offset_rad, self.joint_rad_s)
@@ -45,7 +45,7 @@ class MyNeck:
         pull_rad = self.on_the_way.popleft() - self.joint_rad
         self.joint_rad_s = self.joint_rad_s + self.neck.servo_period_s * (144.0 * pull_rad - 21.6 * self.joint_rad_s)
         self.joint_rad = self.joint_rad + self.neck.servo_period_s * self.joint_rad_s
-        return sent_rad  # what was really sent
+        return sent_rad  # the command actually sent
 
     def close(self):
         pass

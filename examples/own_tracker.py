@@ -7,7 +7,7 @@ import gazempc as gz
 
 
 def tracker(seconds):
-    """Stands for a camera: a person walks by, 30 frames a second, each 50 ms old when it is ready."""
+    """Simulated camera: a person walks by, 30 frames a second, with a latency of 50 ms."""
     start_s = time.time()
     while (now_s := time.time()) < start_s + seconds:
         captured_s = now_s - 0.05
@@ -15,7 +15,7 @@ def tracker(seconds):
         time.sleep(1 / 30)
 
 
-# Here the robot is simulated. Give your neck file, and the name of your robot or an object of your own class.
+# The robot is simulated here. Use your neck file, and the name of your robot or an object of your own class.
 with gz.Gaze("reference", "simulated") as gaze:
     for time_s, head_m in tracker(seconds=3.0):
         gaze.see(time_s, head_m)  # Unix time of the capture; metres, x forward, y left, z up

@@ -1,4 +1,4 @@
-"""Read a log: one array a field, rows of a rate share one time array. `numpy.load` reads the file, too."""
+"""Read a log: one array a field, with a common time array for each rate. `numpy.load` reads the file, too."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ late_ms = 1e3 * np.median(log.arrival_time_s - log.capture_time_s)
 print(f"observations are {late_ms:.0f} ms old when they arrive")
 for time_s, name in zip(log.event_time_s, log.event_name, strict=True):
     print(f"{time_s:.2f} s: {name}")
-for fault in log.faults:  # exceptions that the loop survived, each with its traceback
+for fault in log.faults:  # exceptions caught by the loop, with tracebacks
     print(fault.line)
 
 # It prints:

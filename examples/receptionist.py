@@ -1,4 +1,4 @@
-"""A receptionist: two visitors, whoever is engaged is looked at, and it looks away while it thinks."""
+"""A receptionist with two visitors: it looks at the engaged one, and averts its gaze while it thinks."""
 
 import math
 import threading
@@ -6,13 +6,13 @@ import time
 
 import gazempc as gz
 
-# In MuJoCo (extra `mujoco`); "simulated" needs nothing, and your robot its name and your neck file.
+# MuJoCo (extra `mujoco`), "simulated" without extras, or the name of your robot, with your neck file.
 ROBOT = "mujoco"
-FACING = [0.0, 0.0, 0.0, 1.0]  # w, x, y, z: turned to the robot
+FACING = [0.0, 0.0, 0.0, 1.0]  # w, x, y, z: facing the robot
 
 
 def visitors(seconds):
-    """Stands for a face tracker: Anna waits and looks around, Bob comes up to the desk."""
+    """Simulated face tracker: Anna waits and looks around, Bob comes to the desk."""
     start_s = time.time()
     while (since_s := time.time() - start_s) < seconds:
         anna = (2.2, 1.0 + 0.02 * math.sin(since_s), 0.3)
@@ -23,7 +23,7 @@ def visitors(seconds):
 
 calm = {"hysteresis_s": 0.3, "dwell_s": 1.0}
 with gz.Gaze("reference", ROBOT, attend="engaged", attention=calm, look_away={"rhythm": "listening"}) as gaze:
-    # Bob asks something: think about it, then answer.
+    # After a question by Bob: think, then answer.
     threading.Timer(3.0, lambda: (gaze.think(1.2), gaze.look_away("speaking"))).start()
     for time_s, heads_m in visitors(seconds=6.0):
         for name, head_m in heads_m.items():

@@ -5,7 +5,7 @@ import sys
 import gazempc as gz
 from gazempc.results.attention import measure_attention
 
-# Recordings that play together, or the folder of a bag with several people.
+# Recordings to replay together, or the folder of a bag with several people.
 recording = sys.argv[1] if len(sys.argv) > 1 else "subject03_R4+subject05_R1"
 log = gz.replay(recording, attend="engaged", look_away={"rhythm": "listening", "seed": 2})
 

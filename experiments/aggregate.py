@@ -1,4 +1,4 @@
-"""Groups of clips, and means over clips with bootstrap intervals over people."""
+"""Selection of clips, and means over clips with bootstrap confidence intervals over people."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from gazempc.results.metrics import Metrics
 from gazempc.results.run_summary import ComputeMetrics
 
 GROUP_ORDER = (STANDING, *ROUTES)
-# What people do in a clip, in reading order; other kinds follow.
+# Order of the kinds of activity in tables; other kinds follow.
 KIND_ORDER = ("moving", "starting", "stopping", "waiting", "standing", "sitting", "gesturing", "turning on the spot")
 
 
 @dataclass(frozen=True)
 class Clips:
-    """Clips of a row of a table: those of one group, or of one kind, or all."""
+    """Selection of clips for a row of a table: one group, one kind, or all."""
 
     group: str = "all"
     kind: str = "all"
 
     def hold(self, row: Mapping[str, Any]) -> bool:
-        """Whether a run, with its ``group`` and ``kind``, is among them."""
+        """Whether the selection contains a run, by its ``group`` and ``kind``."""
         return self.group in {"all", row["group"]} and self.kind in {"all", row["kind"]}
 
 
 def groups_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Groups in reading order, ``all`` last."""
+    """Groups in the order of tables, ``all`` last."""
     return [*_in_order((row["group"] for row in rows), GROUP_ORDER), "all"]
 
 
 def clips_of(rows: Iterable[Mapping[str, Any]]) -> list[Clips]:
-    """Rows of a table: each group, then each kind, then all.
+    """Selections for the rows of a table: each group, each kind, then all.
 
     Args:
-        rows: Runs with ``group`` and ``kind``; None where that is not known.
+        rows: Runs with ``group`` and ``kind``, None if unknown.
 
     Returns:
-        The clips of each, in reading order.
+        The selections, in the order of tables.
     """
     rows = list(rows)
     groups = _in_order((row["group"] for row in rows), GROUP_ORDER)
@@ -58,7 +58,7 @@ def _in_order(names: Iterable[str | None], order: Sequence[str]) -> list[str]:
 
 
 def grouped(rows: Iterable[Mapping[str, Any]], *names: str) -> dict[tuple[Any, ...], list[Any]]:
-    """Rows by their values in some columns, in the order in which these come."""
+    """Rows by their values in some columns, in order of first occurrence."""
     found: dict[tuple[Any, ...], list[Any]] = {}
     for row in rows:
         found.setdefault(tuple(row[name] for name in names), []).append(row)
@@ -66,45 +66,45 @@ def grouped(rows: Iterable[Mapping[str, Any]], *names: str) -> dict[tuple[Any, .
 
 
 def sensors_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Sensors in the order in which they come."""
+    """Sensors in order of first occurrence."""
     return list(dict.fromkeys(row["sensor"] for row in rows))
 
 
 def file_name(figure: str, *parts: str) -> str:
-    """Name of a PNG file from what it shows and further parts, such as a sensor."""
+    """Name of a PNG file from the figure's name and further parts, such as a sensor."""
     file_name = "_".join([figure, *parts])
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in file_name) + ".png"
 
 
-# Metrics of a run, and those of them that depend on the machine.
+# Machine-dependent metrics, and all metrics of a run.
 TIMING = tuple(f.name for f in fields(ComputeMetrics))
 METRICS = (*(f.name for f in fields(Metrics)), *TIMING)
-# What the two gazes are compared by, clip by clip: metric, what the report calls it, digits. All but the first are of
-# gazes that start aside.
+# Metrics of the paired comparison: name, label in the report, digits. All except the first refer to runs that start
+# with the gaze averted.
 COMPARED = {
     "rms_deg": ("gaze_error_rms_deg", "RMS gaze error [deg]", 2),
     "stable_contact_s": ("time_to_stable_contact_s", "time to stable contact where both reach it [s]", 3),
     "overshoot_deg": ("overshoot_deg", "overshoot where both reach the person [deg]", 2),
 }
-# Begins the names of the differences in `summary.json`.
+# Prefix of the differences in `summary.json`.
 DIFFERENCES = "mpc_minus_lookahead_"
 _RESAMPLES = 2000
 _SEED = 20210603
-# Figures that differ by no more than this are the same.
-_LEVEL = 1e-9
+# Tolerance of ties.
+_TIE = 1e-9
 
 
 def bootstrap_mean(values: Sequence[float | None], people: Sequence[str]) -> tuple[float, float, float]:
-    """Mean over clips and its 95 % interval when people are drawn anew.
+    """Mean over clips with its 95 % confidence interval from a cluster bootstrap over people.
 
-    Clips of one person are alike, so people, not clips, are the independent draws; every clip weighs the same.
+    Clips of one person are correlated, so people are resampled; clips have equal weight.
 
     Args:
-        values: One value a clip, shape (N,); None and NaN are left out.
-        people: Who walked in each clip, shape (N,).
+        values: One value a clip, shape (N,); None and NaN are ignored.
+        people: Person in each clip, shape (N,).
 
     Returns:
-        Mean, lower and upper end (NaN without values; the ends are NaN with one person, where there is no spread).
+        Mean, lower and upper end; NaN without values, ends NaN with fewer than two people.
     """
     each = np.asarray(values, dtype=np.float64)
     known = np.isfinite(each)
@@ -122,10 +122,11 @@ def bootstrap_mean(values: Sequence[float | None], people: Sequence[str]) -> tup
 
 
 def add_gap_closed(rows: list[dict[str, Any]]) -> None:
-    """Add to each run how much of the gap to perfect foresight it closes on its recording.
+    """Add ``gap_closed``: (reactive error - own error) / (reactive error - error with the true future).
 
     Args:
-        rows: Runs; ``gap_closed`` is set to None where the reactive or the perfect run is missing.
+        rows: Runs, modified in place; None if the reactive run or that with the true future is missing, or if the
+            latter is not better.
     """
 
     def place(row: dict[str, Any]) -> tuple[Any, ...]:
@@ -135,7 +136,7 @@ def add_gap_closed(rows: list[dict[str, Any]]) -> None:
     reactive = {(*place(r), r["predictor"]): r.get("gaze_error_rms_deg") for r in rows if r["controller"] == "reactive"}
     for row in rows:
         best = perfect.get(place(row))
-        # The perfect run has no predictor of its own: it closes the gap of any.
+        # The run with the true future has no predictor and is the reference of every predictor.
         worst = reactive.get((*place(row), row["predictor"]))
         own = row.get("gaze_error_rms_deg")
         if row["controller"] == TRUE_FUTURE and own is not None:
@@ -150,10 +151,10 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Means by sensor x group or kind x controller x predictor x neck.
 
     Args:
-        rows: Runs with figures (none left out or failed).
+        rows: Runs with metrics (none left out or failed).
 
     Returns:
-        One row a combination: labels, ``n_clips``, ``n_people``, the mean of each figure under its own name and its
+        One row a combination: labels, ``n_clips``, ``n_people``, the mean of each metric under its name and its
         interval under ``<name>_ci95``.
     """
     if not rows:
@@ -180,24 +181,24 @@ def _combinations(
 
 
 def with_interval(name: str, values: Sequence[float | None], people: Sequence[str]) -> dict[str, Any]:
-    """Mean under a name, and its interval under ``<name>_ci95``, as of `bootstrap_mean`; NaN is None."""
+    """Mean under a name, and its interval under ``<name>_ci95``, from `bootstrap_mean`; None for NaN."""
     mean, low, high = bootstrap_mean(values, people)
     ends = [low, high] if math.isfinite(low) else None
     return {name: mean if math.isfinite(mean) else None, f"{name}_ci95": ends}
 
 
 def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, second: str) -> list[dict[str, Any]]:
-    """Difference of two controllers on the same recording, sensor, predictor and neck.
+    """Paired difference of two controllers on the same recording, sensor, predictor and neck.
 
     Args:
-        rows: Runs with figures.
-        figure: Which figure.
-        first: Controller.
-        second: Controller that is subtracted.
+        rows: Runs with metrics.
+        figure: Metric.
+        first: Controller of the minuend.
+        second: Controller of the subtrahend.
 
     Returns:
-        One row a sensor, group or kind, predictor and neck: mean difference, interval, number of clips that have the
-        figure with both, and in how many of these it is less and more.
+        One row a sensor, group or kind, predictor and neck: mean difference, interval, number of pairs, and numbers of
+        negative and positive differences.
     """
 
     def same(row: dict[str, Any]) -> tuple[Any, ...]:
@@ -212,8 +213,8 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
         found = with_interval("difference", values, [str(r["subject"]) for r in chosen])
         counts = {
             "n_clips": len(values),
-            "n_less": sum(value < -_LEVEL for value in values),
-            "n_more": sum(value > _LEVEL for value in values),
+            "n_less": sum(value < -_TIE for value in values),
+            "n_more": sum(value > _TIE for value in values),
         }
         table.append(labels | {"difference": found["difference"], "ci95": found["difference_ci95"]} | counts)
     return table

@@ -46,14 +46,14 @@ CONTROLLERS = ("lookahead", "mpc", TRUE_FUTURE)
 
 @dataclass(frozen=True)
 class BoundJob:
-    """The bound on one recording, and what controllers reach.
+    """The bound on one recording, and the errors of controllers.
 
     Attributes:
         recording: Synthetic name or path.
         scene: The robot's place and the seed.
         neck: The neck.
-        sensor: The sensor; None for the one that fits the recording.
-        walker: Model of the forecasts.
+        sensor: The sensor; None for the recording's default.
+        walker: Model of the predictor.
     """
 
     recording: str
@@ -67,7 +67,7 @@ class BoundJob:
         return key_of(self, recording=recording_hash(self.recording), models=models_hash(self.walker.fitted))
 
     def run(self) -> Row:
-        """Group, RMS gaze error of each of `CONTROLLERS`, and the least one (``bound``), degrees."""
+        """Group, RMS gaze error of each of `CONTROLLERS`, and the lower bound (``bound``), degrees."""
         scene = make_scene(self.recording, self.scene, self.neck, self.sensor)
         row: Row = {"group": scene.walk.labels.group}
         first_observation_s = math.inf
@@ -81,12 +81,12 @@ class BoundJob:
 
 
 def least_error_deg(log: gz.Log, first_observation_s: float) -> float:
-    """The least RMS gaze error of a neck with the log's limits, dead time, servo and start, scored as all runs are.
+    """Lower bound of the RMS gaze error for the log's limits, dead time, servo and initial state.
 
-    See the module for what is left out.
+    The module lists the simplifications.
 
     Args:
-        log: A run; only where the person is, and where the joint starts, are taken from it.
+        log: A run, of which the neck, the times, the true head position and the initial joint angle are used.
         first_observation_s: Time of the first observation, seconds; before it the command is constant.
 
     Returns:
@@ -94,21 +94,21 @@ def least_error_deg(log: gz.Log, first_observation_s: float) -> float:
     """
     neck, n = log.neck, len(log.time_s)
     aims = look_at_rad(neck.geometry, log.head_true_base_m)
-    pan, worth = np.unwrap(aims[:, 0]), np.cos(aims[:, 1])
+    pan, cos_tilt = np.unwrap(aims[:, 0]), np.cos(aims[:, 1])
     scored = log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9
     start, h = float(log.joint_position_rad[0, 0]), neck.servo_period_s
     command, joint, speed = (ca.SX.sym(name, n) for name in ("command", "joint", "speed"))
-    # Of a dead time that is no whole number of ticks the begun one is left out, too.
+    # Dead time rounded down to whole ticks, which keeps a lower bound.
     dead = int(neck.dead_time_s[0] / h + 1e-9)
     acting = ca.vertcat(ca.DM(np.full(min(dead, n), start)), command[: max(n - dead, 0)])
-    # Before the run, too, it stood.
+    # Constant command before the run, for the differences up to third order.
     sent = ca.vertcat(ca.DM(np.full(3, start)), command)
     servo = ca.DM(zero_order_hold(neck.pan, h))
-    following = (
+    dynamics = (
         ca.horzcat(joint[1:] - start, speed[1:]).T - servo @ ca.horzcat(joint - start, speed, acting - start).T[:, :-1]
     )
     limits = neck.command_limits
-    rows = ca.vertcat(ca.vec(following), *(ca.diff(sent, k) for k in (1, 2, 3)))
+    rows = ca.vertcat(ca.vec(dynamics), *(ca.diff(sent, k) for k in (1, 2, 3)))
     motion = (limits.velocity_max_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3)
     most_motion = [float(most[0]) * h**k for k, most in enumerate(motion, start=1)]
     most = np.repeat([0.0, *most_motion], [2 * (n - 1), n + 2, n + 1, n])
@@ -117,14 +117,14 @@ def least_error_deg(log: gz.Log, first_observation_s: float) -> float:
     before = log.time_s < first_observation_s - 1e-9
     low[0, before] = high[0, before] = low[1, 0] = high[1, 0] = start
     low[2, 0] = high[2, 0] = 0.0
-    # A bound has to allow for a gaze that gives up what is not scored; a thousandth of it keeps the program regular.
-    counted = np.where(scored, 1.0, 1e-3)
-    cost = ca.sum(counted * (worth * (joint - pan)) ** 2)
+    # Unscored samples have a small weight only to regularise the program: a bound must leave them free.
+    sample_weights = np.where(scored, 1.0, 1e-3)
+    cost = ca.sum(sample_weights * (cos_tilt * (joint - pan)) ** 2)
     problem = {"x": ca.vertcat(command, joint, speed), "f": cost, "g": rows}
     solver = ca.qpsol("least", "piqp", problem, {"print_time": 0, "error_on_fail": True})
     found = np.asarray(solver(lbx=low.ravel(), ubx=high.ravel(), lbg=-most, ubg=most)["x"]).ravel()[n : 2 * n]
-    # The angle between two directions of equal tilt.
-    arcs = 2.0 * np.arcsin(np.clip(worth * np.sin(np.abs(found - pan) / 2.0), 0.0, 1.0))
+    # Angle between two directions of equal tilt.
+    arcs = 2.0 * np.arcsin(np.clip(cos_tilt * np.sin(np.abs(found - pan) / 2.0), 0.0, 1.0))
     return float(np.degrees(np.sqrt(np.mean(arcs[scored] ** 2))))
 
 
@@ -143,13 +143,13 @@ class BoundSettings(WorkSettings, SceneSettings):
 
 
 def bound(**settings: Any) -> list[Row]:
-    """Find the least error on each recording.
+    """Compute the lower bound on each recording.
 
     Args:
         **settings: Any of `BoundSettings`, such as ``recordings=["synthetic"], neck="slow"``.
 
     Returns:
-        A row for each recording: ``group``, RMS errors in degrees of `COLUMNS`, ``left_out`` and ``failed``.
+        One row a recording: ``group``, RMS errors of `COLUMNS` in degrees, ``left_out`` and ``failed``.
 
     Raises:
         GazempcError: On bad input, before anything runs.
@@ -186,10 +186,10 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     """Means over clips, group by group.
 
     Args:
-        rows: One for each recording: its group and the RMS errors in degrees of `COLUMNS`.
+        rows: One row a recording: group, and RMS errors of `COLUMNS` in degrees.
 
     Returns:
-        A row for each group that has clips: number, mean errors, and the bound's share of look-ahead's error.
+        One row a group with clips: number of clips, mean errors, and ratio of bound to look-ahead error.
     """
     summary = []
     for group in (*GROUP_ORDER, "all"):

@@ -48,14 +48,14 @@ class CompareSettings(ChoiceSettings, PlaceSettings):
 
 
 def compare(**settings: Any) -> list[Row]:
-    """Do all runs, and write tables and figures.
+    """Execute all runs and write tables and figures.
 
     Args:
         **settings: Any of `CompareSettings`, such as ``recordings=["synthetic"], controllers=["lookahead", "mpc"]``.
 
     Returns:
-        A row for each run: labels, ``left_out`` and ``failed`` (the reason, or None), all metrics, and ``faults`` if
-        exceptions were survived.
+        One row a run: labels, ``left_out`` and ``failed`` (the reason, or None), all metrics, and ``faults``, the
+        caught exceptions, if any.
 
     Raises:
         GazempcError: On bad input, before anything runs.
@@ -87,13 +87,13 @@ def _replay_all(settings: CompareSettings) -> list[Row]:
 
 
 def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
-    """Every combination on every recording, after checking all that can be checked before.
+    """Every combination on every recording, after validation of the settings.
 
     Args:
         settings: What to compare.
 
     Returns:
-        Labels and job of each run; the perfect forecast is run once for each neck and sensor, as it has no predictor.
+        Labels and job of each run; the run with the true future, which has no predictor, once for each neck and sensor.
 
     Raises:
         GazempcError: If a recording, neck, sensor or part does not exist.
@@ -126,8 +126,8 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str
 
     Args:
         settings: What was compared.
-        rows: As `compare` returns them.
-        command: What repeats it.
+        rows: Result of `compare`.
+        command: Command line that reproduces it.
 
     Returns:
         The text of ``summary.md``, and the names of the files.
@@ -173,7 +173,7 @@ def _seen_in_fitting(settings: CompareSettings, done: list[Row]) -> list[str]:
 
 
 def _about(summary: Row, done: Sequence[Row]) -> list[str]:
-    """How the means were made, in sentences."""
+    """Description of the averages, in sentences."""
     placement = summary["settings"]["placement"] or "that fits each recording"
     counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
     kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
@@ -234,7 +234,7 @@ def _tables(summary: Row) -> Iterator[PageTable]:
 
 
 def _plots(done: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
-    """Shares of clips by gaze error, a plot for each sensor and neck."""
+    """Cumulative distribution of the gaze error over clips, one plot a sensor and neck."""
     several = len({run["predictor"] for run in done if run["predictor"] != "perfect"}) > 1
     looks = styles(dict.fromkeys(run["controller"] for run in done))
     places = grouped(done, "sensor", "neck")
@@ -260,7 +260,7 @@ def _unusual(summary: Row, done: Sequence[Row]) -> Iterator[Unusual]:
 
 def _gaze_table(rows: list[Row], title: str = "") -> PageTable:
     """Means of each gaze."""
-    # Most recordings do not say of what kind they are.
+    # Most recordings have no kind.
     has_kinds = any(r["kind"] != "all" for r in rows)
     # Without body and eyes, the head's acceleration is that of all joints.
     has_more = any(r["head_rms_acceleration_rad_s2"] != r["rms_acceleration_rad_s2"] for r in rows)
@@ -282,7 +282,7 @@ def _gaze_table(rows: list[Row], title: str = "") -> PageTable:
         "RMS acceleration [rad/s^2]": mean("rms_acceleration_rad_s2", ".2f"),
         **({"of the head [rad/s^2]": mean("head_rms_acceleration_rad_s2", ".2f")} if has_more else {}),
     }
-    # Of eyes; of people who start, and of people who stay on the spot.
+    # Optional columns: of eyes, of people who start, of people who stay.
     for heading, name, form in (
         ("eyes aside, 95 % below [deg]", "eye_eccentricity_p95_deg", ".1f"),
         ("start to contact [s]", "time_from_start_to_contact_s", ".2f"),

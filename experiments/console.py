@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        The command's exit status; 2 if there is no such command.
+        The command's exit status; 2 for an unknown command.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if not words or words[0] in ("-h", "--help"):

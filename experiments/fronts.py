@@ -31,7 +31,7 @@ HEAD = "head_rms_acceleration_rad_s2"
 ERROR, CONTACT = "gaze_error_rms_deg", "eye_contact_2p6"
 _METRICS = (SMOOTHNESS, ERROR, CONTACT)
 _RESAMPLES, _SEED = 500, 20210603
-# How the pairs of a front are averaged, and which is the worst.
+# Names, averages and worst values of the compared quantities.
 _COMPARED: Sequence[tuple[str, Callable[[Any], Any], Callable[[Any], float]]] = (
     ("error_ratio", gmean, max),
     ("contact_difference", np.mean, min),
@@ -40,11 +40,11 @@ Points = list[tuple[float, float]]
 
 
 def front(points: Points, sign: float) -> Points:
-    """The points that no other beats in both smoothness and value, smoothest first.
+    """Pareto front of smoothness and value, smoothest first.
 
     Args:
         points: Pairs of smoothness (less is better) and value.
-        sign: 1 if less of the value is better, -1 if more is.
+        sign: 1 if a lower value is better, -1 if a higher one is.
 
     Returns:
         The front.
@@ -57,14 +57,14 @@ def front(points: Points, sign: float) -> Points:
 
 
 def at(points: Points, smoothness: float) -> float:
-    """Value of a front at a smoothness: between its points on the line between them, past its last point as there.
+    """Value of a front at a smoothness: linear interpolation, constant after the last point.
 
     Args:
         points: A front.
-        smoothness: Where.
+        smoothness: Abscissa.
 
     Returns:
-        The value; NaN where the front does not reach.
+        The value; NaN before the first point.
     """
     if smoothness < points[0][0]:
         return math.nan
@@ -72,14 +72,14 @@ def at(points: Points, smoothness: float) -> float:
 
 
 def measured(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> FloatArray:
-    """What one gaze did.
+    """Metrics of one gaze as an array.
 
     Args:
         rows: Its runs, with ``point``, ``recording`` and the three metrics.
-        names: Recordings to take, each of which every point has.
+        names: The C recordings, present at every point.
 
     Returns:
-        Smoothness, error and contact of each point's clips, shape (P, 3, C).
+        Smoothness, error and eye contact by point and clip, shape (P, 3, C).
     """
     known = {(row["point"], row["recording"]): row for row in rows}
     points = sorted({row["point"] for row in rows})
@@ -87,22 +87,22 @@ def measured(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> FloatAr
 
 
 def gaps(ours: FloatArray, rival: FloatArray, people: Sequence[str]) -> dict[str, Any]:
-    """Compare at every point of the rival's front that ours reaches.
+    """Compare two gazes at the points of the rival's front within the range of the first one's.
 
     Args:
-        ours: What a gaze did, shape (P, 3, C).
-        rival: What another one did on the same clips, shape (Q, 3, C).
-        people: Whose clip each is, shape (C,).
+        ours: Metrics of a gaze, from `measured`, shape (P, 3, C).
+        rival: Metrics of the other gaze on the same clips, shape (Q, 3, C).
+        people: Person in each clip, shape (C,).
 
     Returns:
-        ``points`` of the rival's front that were compared; ``error_ratio`` and ``contact_difference``, means over
-        these, each with ``_low`` and ``_high`` (95 %, people drawn anew; None with one person) and ``_worst``.
+        ``points``, the number of compared points; ``error_ratio`` and ``contact_difference``, means over these, each
+        with ``_low`` and ``_high`` (95 % bootstrap interval over people; None with one person) and ``_worst``.
     """
-    names, whose = np.unique(people, return_inverse=True)
-    weights = [np.ones(whose.size)]
+    names, person_index = np.unique(people, return_inverse=True)
+    weights = [np.ones(person_index.size)]
     if len(names) > 1:
         draws = np.random.default_rng(_SEED).integers(len(names), size=(_RESAMPLES, len(names)))
-        weights += [np.bincount(draw, minlength=len(names))[whose].astype(np.float64) for draw in draws]
+        weights += [np.bincount(draw, minlength=len(names))[person_index].astype(np.float64) for draw in draws]
     compared = [_compared(ours, rival, each) for each in weights]
     found: dict[str, Any] = {"points": len(compared[0][0])}
     for k, (name, mean, worst) in enumerate(_COMPARED):
@@ -117,8 +117,8 @@ def _compared(ours: FloatArray, rival: FloatArray, weights: FloatArray) -> tuple
     means = [values @ weights / weights.sum() for values in (ours, rival)]
 
     def pairs(column: int, sign: float) -> Points:
-        mine, theirs = (front([(row[0], row[column]) for row in of.tolist()], sign) for of in means)
-        both = [(at(mine, smoothness), value) for smoothness, value in theirs]
+        own_front, rival_front = (front([(row[0], row[column]) for row in of.tolist()], sign) for of in means)
+        both = [(at(own_front, smoothness), value) for smoothness, value in rival_front]
         return [pair for pair in both if not math.isnan(pair[0])]
 
     return [a / b for a, b in pairs(1, 1.0)], [a - b for a, b in pairs(2, -1.0)]
@@ -139,13 +139,13 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
     """Compare, print, and write ``fronts.json`` beside the sweep's tables.
 
     Args:
-        settings: Which sweep and cases.
+        settings: Sweep and cases.
 
     Returns:
         0.
 
     Raises:
-        SettingsError: If the folder holds no such sweep or cases.
+        SettingsError: If the folder has no such sweep or cases.
     """
     runs = _read(settings.sweep / "results.csv")
     cases = sorted({row["case"] for row in runs})
@@ -158,9 +158,9 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
         of = [[row for row in here if row["case"] == case] for case in (settings.case, settings.rival)]
         for group in (*(g for g in GROUP_ORDER if any(row["group"] == g for row in here)), "all"):
             names = _common([row for row in [*of[0], *of[1]] if group in {"all", row["group"]}])
-            whose = {row["recording"]: row["subject"] for row in here}
+            person_index = {row["recording"]: row["subject"] for row in here}
             ours, rival = (measured(rows, names) for rows in of)
-            compared = gaps(ours, rival, [whose[name] for name in names])
+            compared = gaps(ours, rival, [person_index[name] for name in names])
             found.append(dict(zip(by, place, strict=True)) | {"group": group} | compared)
     write_json(settings.sweep / "fronts.json", found)
     print(f"{settings.case} against {settings.rival} at the same RMS acceleration, mean over the front [95 %, people]:")
@@ -190,7 +190,7 @@ def _cell(margin: Row, name: str, add: float) -> str:
 
 
 def _common(runs: Sequence[Row]) -> list[str]:
-    """Recordings that every point of every case has."""
+    """Recordings that are present at every point of every case."""
     names = ({row["recording"] for row in of_point} for of_point in grouped(runs, "case", "point").values())
     return sorted(set.intersection(*names))
 
@@ -205,9 +205,9 @@ def _read(path: Path) -> list[Row]:
         raise SettingsError(f"{path}: {f'lacks {sorted(missing)}' if rows else 'is empty'}")
     done = []
     for number, row in enumerate(rows, start=2):
-        # With eyes only the head is to be smooth.
+        # With eyes, smoothness refers to the head.
         row[SMOOTHNESS] = row.get(HEAD) or row[SMOOTHNESS]
-        if all(row[name] for name in _METRICS):  # failed runs and those left out have none
+        if all(row[name] for name in _METRICS):  # failed and left-out runs have no metrics
             try:
                 done.append(row | {name: float(row[name]) for name in _METRICS})
             except ValueError as error:

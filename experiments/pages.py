@@ -1,4 +1,4 @@
-"""Files, text and unusual events of the reports of all experiments."""
+"""Files, text and notable events common to the reports of all experiments."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gazempc.results.run_summary import versions
 
 
 def seen_in_fitting(people: int) -> Iterator[Unusual]:
-    """That the predictor `walker` was fitted on some of the people."""
+    """Note that results are in-sample for people in the fit of the predictor `walker`."""
     if people:
         yield Unusual(
             f"the predictor walker was fitted on {count(people, 'person', 'people')} of these recordings",
@@ -25,12 +25,12 @@ def seen_in_fitting(people: int) -> Iterator[Unusual]:
 
 
 def unusual(summary: Mapping[str, Any], violations: int) -> Iterator[Unusual]:
-    """Violations of limits, failed runs, caught exceptions, and recordings that were left out.
+    """Limit violations, failed runs, caught exceptions, and left-out recordings.
 
     Args:
-        summary: Has ``failed``, with ``recording`` and reason; ``faults`` as of
-            `experiments.engine.replays.all_faults`; and ``left_out``, reasons by recording.
-        violations: Number of violations.
+        summary: With ``failed`` (``recording`` and reason of each), ``faults`` from
+            `experiments.engine.replays.all_faults`, and ``left_out`` (reasons by recording).
+        violations: Number of limit violations.
     """
     if violations:
         yield Unusual(f"{violations} violations of a neck's limits")
@@ -50,13 +50,13 @@ def count(n: int, one: str, many: str | None = None) -> str:
 
 
 def table_of(title: str, rows: Iterable[Any], columns: Mapping[str, Callable[[Any], str]], note: str = "") -> PageTable:
-    """A table with a line for each row.
+    """A table with one line a row.
 
     Args:
-        title: What stands above.
+        title: Heading.
         rows: The rows.
-        columns: What stands in a cell, by the heading of its column.
-        note: What stands below.
+        columns: Function from row to cell text, by column heading.
+        note: Text below the table.
 
     Returns:
         The table.
@@ -79,7 +79,7 @@ def markdown(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def text_of(page: Page) -> str:
-    """A report as Markdown: the answer, the tables and what was unusual."""
+    """A report as Markdown: summary, tables and notable events."""
     lines = [f"# {page.title}", "", *page.answer, "", *(page.setup[name] for name in ("how",) if name in page.setup)]
     for table in page.tables:
         lines += ["", *([f"## {table.title}", ""] if table.title else []), *table.markdown()]
@@ -107,7 +107,7 @@ def write_results(page: Page, out: Path, summary: Mapping[str, Any]) -> str:
 
 
 def write_rows(path: Path, settings: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows as JSON, with the settings and the versions that made them."""
+    """Write rows as JSON, with the settings and versions of the run."""
     write_json(path, {"settings": settings, "versions": versions(), "rows": rows})
 
 
@@ -117,7 +117,7 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows as CSV, without ``faults``, which have a place in `summary.json` only."""
+    """Write rows as CSV, without ``faults``, which are in `summary.json` only."""
     columns = list(dict.fromkeys(name for row in rows for name in row if name != "faults"))
     with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, extrasaction="ignore")

@@ -1,4 +1,4 @@
-"""Lines with intervals over people, drawn once: as a PNG file by matplotlib, and as a chart of the report."""
+"""Plots with confidence intervals over people: PNG files by Matplotlib, and charts of the report."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from gazempc.types import FloatArray
 
 @dataclass(frozen=True)
 class Line(Curve):
-    """A curve of a report, and what only a picture of it shows.
+    """A curve of a report, with further data for the PNG file.
 
     Attributes:
-        ends: Lower and upper ends of the intervals of y, shape (N, 2); NaN or None without.
-        beside: Further points, shape (M, 2), faint and without a line.
+        ends: Lower and upper ends of the intervals of y, shape (N, 2); NaN or None if absent.
+        beside: Further points, shape (M, 2), drawn faintly without a line.
     """
 
     ends: FloatArray | None = None
@@ -32,12 +32,12 @@ class Line(Curve):
 
 @dataclass(frozen=True)
 class Plot(Chart):
-    """A chart of a report, and what only a picture of it shows.
+    """A chart of a report, with further data for the PNG file.
 
     Attributes:
         curves: The lines.
         legend: Title of the legend.
-        ticks: Names of the categories at 0, 1, ...; empty for a numeric axis.
+        ticks: Category names at 0, 1, ...; empty for a numeric axis.
     """
 
     curves: tuple[Line, ...]
@@ -48,13 +48,13 @@ class Plot(Chart):
 def draw(
     plots: Sequence[Plot], path: Path, about: str, *, rows: int = 1, log_x: bool = False, log_y: bool = False
 ) -> None:
-    """Draw plots side by side, with one y axis and one legend.
+    """Draw plots as panels with a shared y axis and legend.
 
     Args:
         plots: One a panel, all with the same lines.
         path: PNG file to write.
-        about: Data of the plots.
-        rows: Rows of panels.
+        about: Description of the data.
+        rows: Number of rows of panels.
         log_x: Whether the x axis is logarithmic.
         log_y: Whether the y axis is logarithmic.
     """
@@ -83,7 +83,7 @@ def draw(
             panels[0, 0].legend(framealpha=0.85, edgecolor="none", fontsize="small", title=plots[0].legend)
         else:
             handles, labels = panels[0, 0].get_legend_handles_labels()
-            # Beside panels: a legend of many columns would be wider than the figure.
+            # At the right: a legend of many columns would be wider than the figure.
             figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize="small")
         figure.supxlabel(about, fontsize="small", color="0.4")
         figure.savefig(path, dpi=DPI)
@@ -91,7 +91,7 @@ def draw(
 
 def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
     look = series_look(index)
-    # Categories stand side by side, so that intervals do not hide one another.
+    # Horizontal offset within a category, so that intervals do not overlap.
     x = line.x + (0.12 * (index - (len(plot.curves) - 1) / 2) if plot.ticks else 0.0)
     style = "" if plot.ticks or len(line.x) == 1 else look.line
     marker = "" if line.ends is None and line.beside is None else look.marker
@@ -105,14 +105,14 @@ def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
 def points(
     rows: Mapping[str, Mapping[str, Any]], x: str, y: str, factor: float, colours: Mapping[str, str]
 ) -> tuple[Line, ...]:
-    """A point for each row, with the interval of its height.
+    """One point a row, with its vertical interval.
 
     Args:
         rows: Means by label; the interval of `y` is under ``<y>_ci95``.
-        x: Figure along the horizontal axis.
-        y: Figure along the vertical axis.
-        factor: Of the vertical axis.
-        colours: CSS colour by label; others have the colour of their place.
+        x: Metric of the horizontal axis.
+        y: Metric of the vertical axis.
+        factor: Scale factor of the vertical axis.
+        colours: CSS colour by label; default: by index.
     """
     lines = []
     for k, (label, row) in enumerate(rows.items()):
@@ -123,7 +123,7 @@ def points(
 
 
 def share_of_clips(title: str, x_label: str, clips: Mapping[tuple[str, str], Mapping[str, float]]) -> Plot:
-    """For each error the share of clips with no larger one.
+    """Empirical cumulative distribution of an error over clips.
 
     Args:
         title: Title.

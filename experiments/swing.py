@@ -28,7 +28,7 @@ from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray
 
 _START_RAD = math.radians(0.05)
-# A person far off: a few millimetres to the side do not matter.
+# A distant person, for whom a few millimetres of lateral offset are negligible.
 _PERSON_M = np.array([2.5, 0.0, 0.0])
 _PERIODS, _LEAST_S = 18.0, 6.0
 _BISECTIONS = 6
@@ -41,11 +41,11 @@ class SwingSettings(Settings):
 
 
 def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
-    """The pan in closed loop, one value a servo period, radians.
+    """Pan angle in closed loop, one value a servo period, radians.
 
     Args:
-        neck: The neck as the controller has it.
-        error: How the simulated one differs.
+        neck: Model of the controller.
+        error: Model mismatch of the simulated neck.
         duration_s: Simulated time, seconds.
     """
     mpc, now_s, h = gz.Mpc(neck), 0.0, neck.servo_period_s
@@ -88,13 +88,13 @@ def swings(neck: gz.NeckSpec, error: Mismatch, period_s: float) -> bool:
     """Whether an oscillation of about this period, seconds, grows."""
     duration_s = max(_PERIODS * period_s, _LEAST_S)
     pan_rad = simulate(neck, error, duration_s)
-    # The start is a transient of all modes; the last two thirds are the slowest one. A fast growth ends at the limits.
+    # The first third is a transient of all modes; then the slowest one dominates. Fast growth saturates at the limits.
     _, middle, last = np.array_split(pan_rad, 3)
     return bool(np.ptp(last) > min(np.ptp(middle), 4.0 * _START_RAD))
 
 
 def critical(neck: gz.NeckSpec, error: Callable[[float], Mismatch], theory: float, period_s: float) -> float:
-    """The error at which the simulation begins to swing, by bisection between 0.75 and 1.35 times the theory."""
+    """Model error at the simulation's stability limit, by bisection between 0.75 and 1.35 times the theory."""
     low, high = 0.75 * theory, 1.35 * theory
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""Two bounds: the last position, behind a reactive gaze, and the true future, which no forecast can surpass."""
+"""Bounds: the last position, as in a reactive gaze, and the true future, an upper bound for any forecast."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class LastPosition:
     """Forecasts the last observed position, with a spread that grows at walking speed.
 
     Args:
-        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
         walking_speed_m_s: Standard deviation of a person's speed on each axis, metres a second. The default is for a
-            walk of unknown direction at 1.2 m/s.
+            walk at 1.2 m/s in unknown direction.
     """
 
     def __init__(self, position_noise_m: float = 0.01, walking_speed_m_s: float = 0.7) -> None:
@@ -27,11 +27,11 @@ class LastPosition:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Return to the initial state."""
         self._last: HeadObservation | None = None
 
     def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        """Update with one observation; see `predictors.predictor.Predictor.update`."""
         check_newer(observation, None if self._last is None else self._last.capture_time_s)
         self._last = observation
 
@@ -63,16 +63,16 @@ class Perfect:
         self.reset()
 
     def reset(self) -> None:
-        """Forget that the person has been seen."""
+        """Return to the initial state, before the first observation."""
         self._issued_at_s: float | None = None
 
     def update(self, observation: HeadObservation) -> None:
-        """Note that the person is in sight; see `predictors.predictor.Predictor.update`."""
+        """Register an observation; see `predictors.predictor.Predictor.update`."""
         check_newer(observation, self._issued_at_s)
         self._issued_at_s = observation.capture_time_s
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
-        """Give the true positions; see `predictors.predictor.Predictor.forecast`."""
+        """Return the true positions; see `predictors.predictor.Predictor.forecast`."""
         if self._issued_at_s is None:
             raise NotReadyError("no observation yet")
         times = as_times(times_s)

@@ -1,4 +1,4 @@
-"""Constant-velocity Kalman filter of the head's position: the standard forecast of the field."""
+"""Constant-velocity Kalman filter of the head's position: the standard baseline."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from predictors.predictor import as_times
 from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 _INITIAL_SPEED_SD_M_S = 1.0
-# Elements of a matrix of shape (6, 6), row by row: position with itself, position with velocity, velocity with itself.
+# Flat indices into a 6x6 matrix: diagonals of the position, position-velocity and velocity blocks.
 _POSITION, _VELOCITY = np.array([0, 7, 14]), np.array([21, 28, 35])
 _POSITION_BY_VELOCITY, _VELOCITY_BY_POSITION = np.array([3, 10, 17]), np.array([18, 25, 32])
 _EYE3, _EYE6 = np.eye(3), np.eye(6)
@@ -37,13 +37,13 @@ def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
     """Covariance that white-noise acceleration adds to the state over a time step.
 
     Args:
-        dt_s: Time step, seconds; of any length, so irregular time stamps and gaps are exact.
+        dt_s: Time step, seconds; exact for any length.
         acceleration_psd: Power spectral density of the acceleration on each axis, m^2/s^3.
 
     Returns:
         Q, shape (6, 6). Bar-Shalom, Li & Kirubarajan (2001), eq. 6.2.2-12.
     """
-    # Filled in place, which is several times as fast as a Kronecker product; a filter does this at every frame.
+    # Filled in place: several times as fast as a Kronecker product, at every frame.
     Q = np.zeros((6, 6))
     Q.put(_POSITION, acceleration_psd * (dt_s**3 / 3.0))
     Q.put(_POSITION_BY_VELOCITY, acceleration_psd * (dt_s**2 / 2.0))
@@ -57,9 +57,9 @@ class ConstantVelocity(GatedFilter):
 
     Args:
         acceleration_psd: Power spectral density of the head's acceleration on each axis, m^2/s^3. The default
-            has the least error at 0.5 s over walking people at the noise below.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
-        gated: False to take in every observation, as a plain Kalman filter does.
+            minimises the error at 0.5 s on walking people at the default noise.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
+        gated: False to accept every observation, as a plain Kalman filter.
     """
 
     def __init__(self, acceleration_psd: float = 0.05, position_noise_m: float = 0.01, gated: bool = True) -> None:
@@ -79,14 +79,14 @@ class ConstantVelocity(GatedFilter):
         return self._x[:3], self._P[:3, :3]
 
     def _correct(self, position_m: FloatArray, R: FloatArray) -> None:
-        # The position is measured, so H = [I 0], and products with H are parts of a matrix. Joseph's form keeps the
-        # covariance positive definite: Bar-Shalom, Li & Kirubarajan (2001), eq. 5.2.3-18.
+        # H = [I 0], so products with H are slices. The Joseph form keeps the covariance positive definite:
+        # Bar-Shalom, Li & Kirubarajan (2001), eq. 5.2.3-18.
         K = self._P[:, :3] @ inverse(self._P[:3, :3] + R)
         self._x = self._x + K @ (position_m - self._x[:3])
         left = _EYE6.copy()
         left[:, :3] -= K
         P = left @ self._P @ left.T + K @ R @ K.T
-        # Removes the asymmetry of rounding, which matters where a range changes from 100 km to a metre.
+        # Removes the asymmetry of rounding, relevant if a range changes from 100 km to a metre.
         self._P = 0.5 * (P + P.T)
 
     def state(self) -> tuple[float, FloatArray, FloatArray]:
@@ -107,15 +107,15 @@ class ConstantVelocity(GatedFilter):
         return self.forecast_turned(times_s, _EYE3)
 
     def forecast_turned(self, times_s: ArrayLike, velocity_map: FloatArray) -> Forecast:
-        """Forecast with a linear map of the velocity, by which other predictors bend the path.
+        """Forecast with a linear map of the velocity, for predictors that bend the path.
 
         Args:
             times_s: Times to forecast for, shape (H,), seconds.
-            velocity_map: Matrix that the estimated velocity is multiplied with, shape (3, 3), or (H, 3, 3) for one
-                a time: that of the mean velocity until then.
+            velocity_map: Matrix from the estimated velocity to the mean velocity until the forecast time, shape
+                (3, 3), or (H, 3, 3) with one for each time.
 
         Returns:
-            The forecast; its covariance is that of the mapped state plus the acceleration noise on the way.
+            The forecast; its covariance is that of the mapped state plus the integrated acceleration noise.
 
         Raises:
             NotReadyError: If there has been no observation since the last reset.
@@ -140,7 +140,7 @@ class ConstantVelocity(GatedFilter):
 
 
 class Refinement(ABC):
-    """Another path for a track of `ConstantVelocity`, whose gate, start and loss it takes over.
+    """Predictor with its own motion model on a track of `ConstantVelocity`, which does gating and track management.
 
     Args:
         position: The filter.
@@ -151,29 +151,29 @@ class Refinement(ABC):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Return to the initial state."""
         self._position.reset()
-        self._forget()
+        self._reset_estimates()
 
     @property
     def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
+        """Number of consecutive rejected observations."""
         return self._position.rejections_in_a_row
 
     def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        """Update with one observation; see `predictors.predictor.Predictor.update`."""
         started_at_s = self._position.started_at_s
         self._position.update(observation)
         if self._position.started_at_s != started_at_s:
-            self._forget()  # another track may be another person
-        # A refused detection is another person's; so is its orientation.
+            self._reset_estimates()  # a new track may be another person
+        # A rejected detection belongs to another person, with its orientation.
         if self._position.taken_in:
-            self._take_in(observation)
+            self._refine(observation)
 
     @abstractmethod
-    def _forget(self) -> None:
-        """Forget what the track has shown beyond its position."""
+    def _reset_estimates(self) -> None:
+        """Reset all estimates other than the position filter's."""
 
     @abstractmethod
-    def _take_in(self, observation: HeadObservation) -> None:
-        """Take in an observation that the filter has used."""
+    def _refine(self, observation: HeadObservation) -> None:
+        """Update with an observation that the filter has accepted."""

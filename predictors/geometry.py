@@ -1,4 +1,4 @@
-"""Yaws, rotations about the vertical, and symmetric 3x3 matrices in plain numbers."""
+"""Yaw angles, rotations about the vertical, and factorisation of symmetric 3x3 matrices in plain floats."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def yaw_rad(quat_wxyz: FloatArray) -> float:
     Returns:
         The angle about the vertical from +x towards +y, radians, in (-pi, pi].
     """
-    w, x, y, z = map(float, quat_wxyz)  # plain numbers: several times as fast as array scalars
+    w, x, y, z = map(float, quat_wxyz)  # plain floats: several times as fast as array scalars
     return math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
 
 
@@ -49,14 +49,14 @@ def rotation_about_vertical(angle_rad: float) -> FloatArray:
 
 
 def bearing_covariance(position_m: ArrayLike, bearing_sd_rad: float, range_sd_m: float) -> FloatArray:
-    """Covariance with separate errors of bearing and range.
+    """Covariance from the standard deviations of bearing and range.
 
     For a bearing without a range, place the head at a likely range and state the uncertainty of that range.
 
         covariance_m2 = bearing_covariance(head_m, bearing_sd_rad=0.002, range_sd_m=1.0)
 
     Args:
-        position_m: Head as seen from the sensor, shape (3,), metres. The covariance is in the same frame.
+        position_m: Head relative to the sensor, shape (3,), metres. The covariance is in the same frame.
         bearing_sd_rad: Standard deviation of the direction on both axes across it, radians, positive.
         range_sd_m: Standard deviation of the range, metres, positive.
 
@@ -81,7 +81,7 @@ def bearing_covariance(position_m: ArrayLike, bearing_sd_rad: float, range_sd_m:
 
 
 def mahalanobis2(difference: FloatArray, covariance: FloatArray, allowance: float = 0.0) -> float:
-    """Squared Mahalanobis distance, by the factors L D L' of the matrix.
+    """Squared Mahalanobis distance, by LDL' factorisation.
 
     Args:
         difference: Shape (3,).
@@ -89,7 +89,7 @@ def mahalanobis2(difference: FloatArray, covariance: FloatArray, allowance: floa
         allowance: Variance that is added on each axis.
 
     Returns:
-        The distance, squared; NaN where numbers are too large.
+        The squared distance; NaN on overflow.
     """
     x, y, z = difference.tolist()
     d_x, d_y, d_z, l_yx, l_zx, l_zy = _factors(covariance, allowance)
@@ -100,7 +100,7 @@ def mahalanobis2(difference: FloatArray, covariance: FloatArray, allowance: floa
 
 
 def inverse(matrix: FloatArray, floor: float = 0.0) -> FloatArray:
-    """The inverse, by the factors L D L'.
+    """Inverse, by LDL' factorisation.
 
     Args:
         matrix: Positive definite, shape (3, 3); its lower triangle is not read.
@@ -110,7 +110,7 @@ def inverse(matrix: FloatArray, floor: float = 0.0) -> FloatArray:
         Shape (3, 3), symmetric to the last bit.
     """
     d_x, d_y, d_z, l_yx, l_zx, l_zy = _factors(matrix, floor)
-    # Rows of the inverse of L below its diagonal of ones.
+    # Subdiagonal elements of the inverse of L, which has a unit diagonal.
     m_yx, m_zy, m_zx = -l_yx, -l_zy, l_zy * l_yx - l_zx
     a, b, c = 1.0 / d_x, 1.0 / d_y, 1.0 / d_z
     i_xy, i_xz, i_yz = m_yx * b + m_zy * m_zx * c, m_zx * c, m_zy * c
@@ -120,7 +120,7 @@ def inverse(matrix: FloatArray, floor: float = 0.0) -> FloatArray:
 
 
 def _factors(matrix: FloatArray, added: float) -> tuple[float, float, float, float, float, float]:
-    """Diagonal of D, and the elements yx, zx and zy of L, of the matrix with something added to its diagonal."""
+    """Diagonal of D, and the elements yx, zx and zy of L, of the matrix plus `added` on its diagonal."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix.tolist()
     d_x = xx + added
     l_yx, l_zx = xy / d_x, xz / d_x

@@ -17,29 +17,29 @@ _YAW_WALK_RAD2_PER_S = 1.0
 _YAW_VALID_FOR_S = 0.5
 # Below this speed the direction of travel is undefined.
 _TRAVELS_FROM_M_S = 0.2
-# Shrinkage of the mean yaw over a time T, which may still be a turn: T / (T + this).
+# Shrinkage T / (T + this) of the mean yaw over a time T: the mean of a short track may be a turn.
 _OFFSET_PRIOR_S = 0.5
 
 
 class HeadPose(Refinement):
-    """Constant velocity bent toward where the head is turned; Tamaru et al. 2021, equations 1 to 5.
+    """Constant velocity turned towards the head's direction; Tamaru et al. 2021, equations 1 to 5.
 
     The position filter is `ConstantVelocity`. A separate Kalman filter estimates the relative yaw. Let d be the
     filter's step over one frame, and R the rotation by the relative yaw. Then the forecast after N frames is
-    ``x + N ((1 - w) d + w R d)``. d is the velocity times the frame interval, so the rule holds for any time ahead.
+    ``x + N ((1 - w) d + w R d)``. d is the velocity times the frame interval, so the rule extends to any horizon.
     After half a second without an orientation, the forecast is that of `ConstantVelocity`.
 
-    The measured yaw of a head has a constant error of some degrees. So the paper's rule bends every straight walk.
-    `offset_removed` subtracts the mean of the yaw so far. A pelvis swings with every step and turns with the head. So
-    `yaw_from` "travel" measures the yaw from the direction of the filter's velocity.
+    The measured yaw of a head has a constant error of some degrees, so the paper's rule bends every straight walk;
+    `offset_removed` subtracts the running mean of the yaw. The pelvis swings with every step and turns with the head;
+    `yaw_from` "travel" measures the yaw from the direction of the filter's velocity instead.
 
     Args:
         weight: w in equation 4, in [0, 1]. The paper prints a tuned mean of "7.51", which is outside this range. The
             default 0.5 reads this number as steps of the paper's N = 15.
         acceleration_psd: See `ConstantVelocity`.
         position_noise_m: See `ConstantVelocity`.
-        yaw_noise_rad: Standard deviation of a measurement of the relative yaw, radians, if the observation states
-            none. Half of its variance is that of the head, half that of the reference.
+        yaw_noise_rad: Standard deviation of a measurement of the relative yaw, radians, if none is
+            stated. Head and reference contribute half of its variance each.
         yaw_from: Reference of the head's yaw: "waist" as in the paper, or "travel", the direction of travel. Below
             0.2 m/s there is no direction of travel, and the yaw does not change.
         offset_removed: Subtract the mean yaw since the start of the track; not in the paper.
@@ -69,7 +69,7 @@ class HeadPose(Refinement):
         """Filtered yaw of the head relative to the waist.
 
         Returns:
-            The angle in radians, positive to the person's left, or None where none is known.
+            The angle in radians, positive to the person's left; None without a recent orientation.
         """
         if not self._yaw_count or self._position.state()[0] - self._yaw_time_s > _YAW_VALID_FOR_S:
             return None
@@ -83,14 +83,14 @@ class HeadPose(Refinement):
         R = rotation_about_vertical(angle_rad)
         return self._position.forecast_turned(times_s, (1.0 - self._weight) * np.eye(3) + self._weight * R)
 
-    def _take_in(self, observation: HeadObservation) -> None:
+    def _refine(self, observation: HeadObservation) -> None:
         for taken in self._position.taken_in:
             zero_rad = self._zero_rad(taken)
             if taken.head_quat_wxyz is not None and zero_rad is not None:
                 relative_rad = wrap_rad(yaw_rad(taken.head_quat_wxyz) - zero_rad)
                 self._update_yaw(relative_rad, self._variance_rad2(taken), taken.capture_time_s)
 
-    def _forget(self) -> None:
+    def _reset_estimates(self) -> None:
         self._yaw_rad = self._covariance_rad2 = 0.0
         self._yaw_time_s = self._yaw_since_s = -np.inf
         self._yaw_sum_rad, self._yaw_count = 0.0, 0
@@ -117,10 +117,10 @@ class HeadPose(Refinement):
         return sum(half if sd_rad is None else sd_rad**2 for sd_rad in (head_rad, zero_rad))
 
     def _update_yaw(self, measured_rad: float, variance_rad2: float, time_s: float) -> None:
-        """Scalar Kalman filter of a random walk."""
+        """Scalar Kalman filter of a random walk: prediction and measurement update."""
         if not self._yaw_count:
             self._yaw_since_s = time_s
-        # The innovation is wrapped, so that an angle that passes pi is a small step, also over a gap.
+        # Wrapped innovation: the filtered angle stays continuous at pi, also over a gap.
         innovation_rad = wrap_rad(measured_rad - self._yaw_rad) if self._yaw_count else measured_rad
         gain = 1.0
         if time_s - self._yaw_time_s <= _YAW_VALID_FOR_S:

@@ -1,4 +1,4 @@
-"""Constant velocity whose direction turns towards that of the pelvis."""
+"""Constant velocity that turns towards the direction of the pelvis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _YAW_VALID_FOR_S = 0.5
 
 
 class PelvisPursuit(Refinement):
-    """Constant velocity that turns towards where the pelvis points.
+    """Constant-speed motion that turns exponentially towards the direction of the pelvis.
 
     v is the velocity of `ConstantVelocity`. R is the rotation about the vertical by the gain times the angle from v to
     the pelvis's forward axis. The velocity a time s ahead is ``v + (1 - exp(-s / T)) (R v - v)``, and its integral is
@@ -26,9 +26,9 @@ class PelvisPursuit(Refinement):
     of the pelvis. The gain is full from 0.5 m/s.
 
     Args:
-        gain: Share of the angle that is turned, in [0, 1].
+        gain: Fraction of the angle to the pelvis that is turned, in [0, 1].
         turn_time_s: T, time constant of the turn, seconds.
-        acceleration_psd: See `ConstantVelocity`; less than for `ConstantVelocity`, as the pelvis shows a turn earlier.
+        acceleration_psd: See `ConstantVelocity`; lower than its default, as the pelvis turns before the path.
         position_noise_m: See `ConstantVelocity`.
     """
 
@@ -46,16 +46,16 @@ class PelvisPursuit(Refinement):
         self._turn_time_s = turn_time_s
         super().__init__(ConstantVelocity(acceleration_psd, position_noise_m))
 
-    def _forget(self) -> None:
+    def _reset_estimates(self) -> None:
         self._pelvis_yaw_rad, self._pelvis_time_s = 0.0, -np.inf
 
-    def _take_in(self, observation: HeadObservation) -> None:
+    def _refine(self, observation: HeadObservation) -> None:
         if observation.pelvis_quat_wxyz is not None:
             self._pelvis_yaw_rad = yaw_rad(observation.pelvis_quat_wxyz)
             self._pelvis_time_s = observation.capture_time_s
 
     def turn_rad(self) -> float:
-        """Angle by which the velocity is going to turn.
+        """Predicted total turn of the velocity.
 
         Returns:
             Radians, positive to the person's left; 0 without a pelvis yaw or a velocity.
@@ -76,7 +76,7 @@ class PelvisPursuit(Refinement):
         turn = rotation_about_vertical(self.turn_rad()) - np.eye(3)
         times = as_times(times_s)
         ahead = (times - self._position.state()[0]) / self._turn_time_s
-        # Share of the turn in the mean velocity until then; none where the past is asked for.
+        # Fraction of the turn in the mean velocity over the horizon; zero for past times.
         safe = np.where(ahead > 0, ahead, 1.0)
         share = np.where(ahead > 0, 1.0 + np.expm1(-safe) / safe, 0.0)
         return self._position.forecast_turned(times, np.eye(3) + share[:, None, None] * turn)

@@ -11,7 +11,7 @@ from predictors.types import FloatArray, Forecast, HeadObservation
 
 
 class NotReadyError(RuntimeError):
-    """A forecast was asked for before the first observation."""
+    """A forecast was requested before the first observation."""
 
 
 class OutOfOrderError(ValueError):
@@ -21,22 +21,22 @@ class OutOfOrderError(ValueError):
 class Predictor(Protocol):
     """Estimator of one person's head position, and its forecast.
 
-    Only `update` and `reset` change a predictor. `forecast` does not change it, so you can call `forecast` any number
-    of times between two observations.
+    Only `update` and `reset` change the state; `forecast` has no side effects and may be called any number of times
+    between two observations.
 
-    A predictor that refuses false detections may have an attribute ``rejections_in_a_row``: the number refused since
-    the last accepted observation. Runs then count the refusals.
+    A predictor that rejects false detections may have an attribute ``rejections_in_a_row``, the number of consecutive
+    rejected observations; runs then count the rejections.
     """
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Return to the initial state."""
         ...
 
     def update(self, observation: HeadObservation) -> None:
-        """Take in one observation.
+        """Update with one observation.
 
         Args:
-            observation: The sighting; its capture time must be later than the last one's.
+            observation: The observation; its capture time must be later than the last one's.
 
         Raises:
             OutOfOrderError: If it is not newer than the last observation.
@@ -47,7 +47,7 @@ class Predictor(Protocol):
         """Forecast the head position.
 
         Args:
-            times_s: Times to forecast for, shape (H,), absolute, on the clock of the capture times.
+            times_s: Absolute forecast times, shape (H,), seconds on the clock of the capture times.
 
         Returns:
             The forecast for these times.
@@ -59,7 +59,7 @@ class Predictor(Protocol):
 
 
 def as_times(times_s: ArrayLike) -> FloatArray:
-    """Check forecast times.
+    """Validate forecast times.
 
     Args:
         times_s: Times, scalar or shape (H,), seconds.
@@ -79,11 +79,11 @@ def as_times(times_s: ArrayLike) -> FloatArray:
 
 
 def noise_m2(observation: HeadObservation, otherwise_m2: FloatArray) -> FloatArray:
-    """Covariance of an observed position.
+    """Covariance of an observed position: stated, or else a default.
 
     Args:
         observation: The observation.
-        otherwise_m2: Covariance where it states none, shape (3, 3), square metres.
+        otherwise_m2: Default covariance, shape (3, 3), square metres.
 
     Returns:
         Shape (3, 3), square metres.
@@ -93,14 +93,14 @@ def noise_m2(observation: HeadObservation, otherwise_m2: FloatArray) -> FloatArr
 
 
 def check_newer(observation: HeadObservation, last_capture_time_s: float | None) -> None:
-    """Refuse an observation that is not newer than the last one.
+    """Check that an observation is newer than the last one.
 
     Args:
         observation: The new observation.
-        last_capture_time_s: Capture time of the last one, or None at the start.
+        last_capture_time_s: Capture time of the last one; None before the first.
 
     Raises:
-        OutOfOrderError: If it is as old as the last one or older.
+        OutOfOrderError: If it is not newer.
     """
     if last_capture_time_s is not None and observation.capture_time_s <= last_capture_time_s:
         raise OutOfOrderError(

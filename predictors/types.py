@@ -16,7 +16,7 @@ _SYMMETRY_TOLERANCE = 1e-5
 
 
 def _vector(name: str, value: object, size: int) -> FloatArray:
-    array = np.array(value, dtype=np.float64)  # a copy: the caller may use its buffer again
+    array = np.array(value, dtype=np.float64)  # a copy: the caller may reuse its buffer
     if array.shape != (size,):
         raise ValueError(f"{name} has shape {array.shape}, expected ({size},)")
     if not all(map(math.isfinite, array.tolist())):
@@ -41,13 +41,13 @@ def _covariance(name: str, value: object) -> FloatArray:
 
 
 def check_positive(**numbers: float) -> None:
-    """Refuse a parameter that is not a positive number.
+    """Check that parameters are positive and finite.
 
     Args:
         **numbers: Parameters by name.
 
     Raises:
-        ValueError: Names the first one that is zero, negative or not finite.
+        ValueError: If one is zero, negative or not finite; the message has the first one's name.
     """
     for name, number in numbers.items():
         if not 0.0 < number < math.inf:
@@ -56,21 +56,21 @@ def check_positive(**numbers: float) -> None:
 
 @dataclass(frozen=True)
 class HeadObservation:
-    """One sighting of a person, stamped with the time at which it was captured (not received).
+    """One observation of a person, stamped with its capture time (not the time of reception).
 
-    Only time and position are needed. What a sensor does not state is None.
+    Time and position are required; None for other quantities that the sensor does not provide.
 
     Attributes:
-        capture_time_s: Capture time in seconds, on the clock that forecasts are asked for.
+        capture_time_s: Capture time in seconds, on the clock of the forecast times.
         head_position_base_m: Head position, shape (3,), metres, in the robot's base frame.
         head_quat_wxyz: Orientation of the head, shape (4,).
         pelvis_quat_wxyz: Orientation of the pelvis, shape (4,).
-        position_covariance_m2: Covariance of the position's error, shape (3, 3), square metres, base frame. A bearing
-            without a range is a covariance that is long in the direction of view.
+        position_covariance_m2: Covariance of the position's error, shape (3, 3), square metres, base frame. For a
+            bearing without a range: a large variance along the line of sight.
         head_yaw_sd_rad: Standard deviation of the head's yaw, radians, positive.
         pelvis_yaw_sd_rad: Standard deviation of the pelvis's yaw, radians, positive.
-        person_id: The sensor's own name for the person.
-        confidence: Probability that this is a person, as the sensor states it, 0 to 1.
+        person_id: Track identity that the sensor assigns.
+        confidence: Probability that the detection is a person, from the sensor, 0 to 1.
 
     Raises:
         ValueError: If a value has the wrong shape, is not finite or is out of range. Also if a quaternion is not of
@@ -121,12 +121,12 @@ class Forecast:
         times_s: Times of the forecast, shape (H,), absolute, on the clock of the capture times.
         means_base_m: Expected head positions, shape (H, 3), metres, base frame.
         covariances_m2: Covariances of these positions, shape (H, 3, 3), square metres.
-        issued_at_s: Capture time of the newest observation that is in the forecast.
-        degrees_of_freedom: Those of the multivariate t distribution of the errors, above 2; infinite for a normal one.
-            Fewer mean longer tails at the same covariance.
+        issued_at_s: Capture time of the newest observation that the forecast uses.
+        degrees_of_freedom: Of the errors' multivariate t distribution, above 2; infinite for a normal one. Fewer mean
+            heavier tails at the same covariance.
 
     Raises:
-        ValueError: If a shape differs from these, or a value is no number.
+        ValueError: If a shape is wrong, a value is not numeric or the degrees of freedom are not above 2.
     """
 
     times_s: FloatArray

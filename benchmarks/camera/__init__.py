@@ -1,1 +1,1 @@
-"""How well the camera source sees, measured on rendered pictures. May import gazempc."""
+"""Accuracy of the camera source on rendered images. May import gazempc."""

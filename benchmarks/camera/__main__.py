@@ -25,15 +25,15 @@ _LIVE = (*(("reference", each) for each in ("reactive", "lookahead", "mpc")), ("
 
 
 def figures(seen: Seen) -> tuple[float, ...]:
-    """Figures of a walk.
+    """Metrics of a walk.
 
     Args:
-        seen: The observations.
+        seen: Detection errors.
 
     Returns:
-        Share of the pictures in which the person was found, error of the direction, mean and standard deviation of the
-        range's error, error of the head's yaw, mean NEES (3 for an exact covariance), observations of anything else,
-        names of the one person, and processor time a picture; NaN without observations.
+        Detection rate, RMS bearing error, mean and standard deviation of the range error, RMS error of the head's yaw,
+        mean NEES (3 for a consistent covariance), number of false observations, number of track identities, and
+        processor time an image; NaN without observations.
     """
 
     def rms(values: FloatArray) -> float:

@@ -32,7 +32,7 @@ _WIDTH, _HEIGHT = 640, 480
 
 
 def backs(studio: Studio, range_m: float, turn_deg: float, dim: bool) -> Iterator[Any]:
-    """Pictures of a person who walks across the view, turned away from the camera by an angle."""
+    """Images of a person who walks across the field of view, turned away from the camera by an angle."""
     person_at = across(range_m, _SECONDS, 0.0)
     for k in range(round(_SECONDS / FRAME_S)):
         person = person_at(k * FRAME_S)
@@ -42,7 +42,7 @@ def backs(studio: Studio, range_m: float, turn_deg: float, dim: bool) -> Iterato
 
 
 def pan(photograph: Any) -> Iterator[Any]:
-    """Pictures of a camera that pans over a photograph, enlarged to twice the view."""
+    """Images of a camera that pans over a photograph, enlarged to twice the field of view."""
     cv2 = import_opencv()
     rgb = np.ascontiguousarray(np.dstack([photograph] * 3) if photograph.ndim == 2 else photograph[:, :, :3])
     scale = max(2 * _WIDTH / rgb.shape[1], 1.5 * _HEIGHT / rgb.shape[0])
@@ -53,7 +53,7 @@ def pan(photograph: Any) -> Iterator[Any]:
 
 
 def frames(video: Path) -> tuple[Iterator[Any], float]:
-    """Pictures of a video, and the time between two."""
+    """Images of a video, and the frame interval."""
     cv2 = import_opencv()
     opened = cv2.VideoCapture(str(video))
 
@@ -65,13 +65,13 @@ def frames(video: Path) -> tuple[Iterator[Any], float]:
 
 
 def count(detector: BlazeFace, kind: str, cameras: Iterable[Iterator[Any]], period_s: float = FRAME_S) -> None:
-    """Search the pictures of each camera, and print what is found.
+    """Detect faces in the images of each camera, and print the false-positive rate.
 
     Args:
-        detector: Finds faces.
-        kind: Of the pictures.
-        cameras: Pictures of each camera.
-        period_s: Time between two, seconds.
+        detector: Face detector.
+        kind: Kind of the images.
+        cameras: Images of each camera.
+        period_s: Frame interval, seconds.
     """
     pictures = with_face = names = 0
     for camera in cameras:

@@ -1,7 +1,6 @@
-"""A whole live run through rendered pictures: a camera on the head of MuJoCo's neck, and a person who walks past.
+"""A complete live run on rendered images: a camera on the head of a MuJoCo neck, and a person who walks past.
 
-Time is simulated, so that the run is the same everywhere. Pictures come 15 times a second; each is an observation 60 ms
-later.
+Simulated time makes the run reproducible. Images are captured 15 times a second; each observation arrives 60 ms later.
 """
 
 from __future__ import annotations
@@ -31,17 +30,17 @@ from gazempc.robots.studio import Studio, StudioPerson
 from gazempc.settings import GazeSettings
 from gazempc.types import FloatArray, Sighting
 
-# From the middle of the exposure to the observation: transfer, and the search for faces.
+# From the middle of the exposure to the observation: transfer and face detection.
 LATENCY_S = 0.06
-# Beside the eye that gazes, and 3 degrees askew: the mount has to be allowed for.
+# Offset from the eye and rotated by 3 degrees, to test the compensation of the mount.
 MOUNT = Mount(on="head", position_m=(0.03, 0.02, 0.05), roll_pitch_yaw_deg=(0.0, 0.0, 3.0))
 
 
 class RenderedCamera:
-    """Source: pictures rendered from the pose of the neck's head in MuJoCo.
+    """Source of images rendered from the pose of the neck's head in MuJoCo.
 
     Args:
-        studio: Renders them.
+        studio: Renderer.
         robot: The neck.
         clock: The loop's clock.
     """
@@ -77,8 +76,8 @@ class RenderedCamera:
         """See `gazempc.live.sources.source.Source.close`."""
 
     def _pose(self) -> tuple[FloatArray, Rotation]:
-        """Of the camera in the base frame, from MuJoCo's own kinematics."""
-        self._robot.true_state()  # steps the simulation up to now
+        """Pose of the camera in the base frame, by the kinematics of MuJoCo."""
+        self._robot.true_state()  # advances the simulation to the current time
         head = self._robot.data.body("head")
         turn = Rotation.from_matrix(np.array(head.xmat).reshape(3, 3))
         askew = Rotation.from_euler("xyz", MOUNT.roll_pitch_yaw_deg, degrees=True)
@@ -86,7 +85,7 @@ class RenderedCamera:
 
 
 def passer_by(time_s: float) -> StudioPerson:
-    """A person who walks past at 1.5 m with 0.8 m/s, and looks at the robot, or a little ahead."""
+    """A person who walks past at 1.5 m with 0.8 m/s, and faces the robot or slightly ahead."""
     aside_m = 2.2 - 0.8 * time_s
     eyes_m = np.array([1.5, aside_m, 0.25 + 0.02 * math.sin(2 * math.tau * 0.9 * time_s)])
     towards_rad = math.atan2(eyes_m[1], eyes_m[0])
@@ -96,11 +95,11 @@ def passer_by(time_s: float) -> StudioPerson:
 def run(
     studio: Studio, duration_s: float = 5.5, controller: str = "mpc", neck_name: str = "reference"
 ) -> tuple[Log, RenderedCamera]:
-    """Run it.
+    """Execute the run.
 
     Args:
-        studio: Renders the pictures.
-        duration_s: How long.
+        studio: Renderer.
+        duration_s: Duration.
         controller: Name of the controller.
         neck_name: Name of the neck, or its file.
 
@@ -108,7 +107,7 @@ def run(
         The log, and the camera.
     """
     neck, clock, settings = load_neck(neck_name), SimulatedClock(), GazeSettings()
-    # It looks into the room where the person will come from.
+    # Initial gaze in the direction from which the person appears.
     robot = MujocoNeck(neck, clock.now_s, np.deg2rad([45.0, 5.0]))
     camera = RenderedCamera(studio, robot, clock)
     predictor = build.make_predictor("walker", settings, build.Person(), {})

@@ -1,4 +1,4 @@
-"""Pictures that are sent at known times: the error of the time of capture."""
+"""Error of the capture time, from images sent at known times."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture
 from gazempc.types import FloatArray
 
 _FRAME_S = 1 / 30
-# Pictures are distinguished by their grey, which JPEG keeps to one or two of these steps of 12.
+# Images are identified by their grey level, which JPEG preserves to one or two of the steps of 12.
 _GREYS = 20
 _GREY_STEP = 12
 
 
 class PictureServer:
-    """A network camera: motion JPEG over HTTP, 30 pictures a second.
+    """Simulated network camera: motion JPEG over HTTP, 30 images a second.
 
     Attributes:
-        url: Where it is.
-        sent: Number of each picture, and when its first byte was sent, on the clock of `time.monotonic`.
+        url: Address of the stream.
+        sent: Number of each image, and time at which its first byte was sent, on the clock of `time.monotonic`.
     """
 
     def __init__(self) -> None:
@@ -38,16 +38,16 @@ class PictureServer:
         threading.Thread(target=server.serve_forever, daemon=True).start()
 
     def number(self, rgb: Any) -> int:
-        """The last picture sent that looks like this one."""
+        """Number of the last sent image with the grey level of this one."""
         grey = round(float(np.mean(rgb)) / _GREY_STEP)
         return next(number for number, _ in reversed(self.sent) if number % _GREYS == grey)
 
     def hang_up(self) -> None:
-        """Break off the connections that there are."""
+        """Close the current connections."""
         self._hung_up += 1
 
     def close(self) -> None:
-        """Send no more."""
+        """Close all connections and the server."""
         self.hang_up()
         self._server.shutdown()
         self._server.server_close()
@@ -62,10 +62,10 @@ class PictureServer:
 
         class Handler(BaseHTTPRequestHandler):
             def log_message(self, *_: Any) -> None:
-                """Nothing to say."""
+                """Suppress the log."""
 
             def do_GET(self) -> None:
-                """Send pictures until the connection closes."""
+                """Send images until the connection closes."""
                 self.send_response(200)
                 self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
                 self.end_headers()
@@ -86,13 +86,13 @@ class PictureServer:
 
 
 def capture_errors_ms(pictures: int = 90) -> FloatArray:
-    """Stamps of a camera against when its pictures were sent.
+    """Errors of a camera's time stamps.
 
     Args:
-        pictures: How many.
+        pictures: Number of images.
 
     Returns:
-        How much later each was stamped than sent, milliseconds, shape (pictures,).
+        Time stamp minus time of sending, milliseconds, shape (pictures,).
     """
     server = PictureServer()
     camera = Camera(server.url, CameraOptions())

@@ -1,4 +1,4 @@
-"""What the camera source makes of rendered people at known places."""
+"""Errors of the camera source on rendered people at known positions."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from gazempc.types import FloatArray
 from predictors import HeadObservation
 
 FRAME_S = 1 / 15
-# What is found within this of the person is the person.
-_THEIRS_DEG = 5.0
-# The person turns the head to and fro by so much, against the direction to the camera.
+# Association gate: largest angle between an observation and the person.
+_ASSOCIATION_DEG = 5.0
+# Amplitude of the periodic head yaw relative to the direction of the camera.
 _YAW_DEG = 30.0
 _YAW_PERIOD_S = 3.1
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What was seen of a walk.
+    """Detection errors on a walk.
 
     Attributes:
-        frames: Number of pictures.
-        bearing_deg: Angle between measured and true direction of the eyes, shape (n,), of the n pictures in which the
-            person was found.
-        range_error: Error of the range as a share of it, shape (n,).
-        yaw_error_deg: Error of the head's yaw, shape (m,), of the pictures that gave one.
-        nees: Squared error of the position by its stated covariance, shape (n,); 3 in the mean for an exact one.
-        others: Observations that were not of the person.
-        names: Number of names that the person was given.
-        cpu_ms: Processor time a picture, shape (frames,).
+        frames: Number of images.
+        bearing_deg: Angle between measured and true direction of the eyes, shape (n,), for the n images with a
+            detection of the person.
+        range_error: Relative error of the range, shape (n,).
+        yaw_error_deg: Error of the head's yaw, shape (m,), for the images with a yaw.
+        nees: Normalised estimation error squared of the position, shape (n,); mean 3 for a consistent covariance.
+        others: Number of false observations.
+        names: Number of track identities of the person.
+        cpu_ms: Processor time an image, shape (frames,).
     """
 
     frames: int
@@ -53,7 +53,7 @@ class Seen:
 
     @property
     def found(self) -> float:
-        """Share of the pictures in which the person was found."""
+        """Detection rate: share of the images with a detection of the person."""
         return self.bearing_deg.size / self.frames
 
 
@@ -63,16 +63,16 @@ def watch(
     frames: int,
     spoilt: Callable[[Any], Any] = lambda picture: picture,
 ) -> Seen:
-    """Watch a walk through a camera that stands in the origin and looks along +x.
+    """Observe a walk with a camera at the origin that points along +x.
 
     Args:
-        studio: Renders it.
-        person_at: The person at a time in seconds; None if there is none.
-        frames: Number of pictures.
-        spoilt: Makes of a picture what a worse camera would have given.
+        studio: Renderer.
+        person_at: Function from a time in seconds to the person, or None.
+        frames: Number of images.
+        spoilt: Degradation of an image.
 
     Returns:
-        What was seen.
+        Detection errors.
     """
     sensor = FaceSensor(BlazeFace(), from_field_of_view(studio.fov_deg, studio.width, studio.height))
     bearings, ranges, yaws, nees, cpu_ms, names = [], [], [], [], [], set()
@@ -83,7 +83,7 @@ def watch(
         started_s = time.process_time()
         found = sensor.see(picture, k * FRAME_S)
         cpu_ms.append(1e3 * (time.process_time() - started_s))
-        theirs = [each for each in found if _off_deg(each, person) <= _THEIRS_DEG]
+        theirs = [each for each in found if _off_deg(each, person) <= _ASSOCIATION_DEG]
         others += len(found) - len(theirs[:1])
         if person is None or not theirs:
             continue
@@ -108,15 +108,15 @@ def _off_deg(observation: HeadObservation, person: StudioPerson | None) -> float
 
 
 def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> Callable[[float], StudioPerson]:
-    """A person who walks across the view at one distance, and turns the head.
+    """A person who walks across the field of view at a constant distance, with periodic head yaw.
 
     Args:
         range_m: The distance, metres.
-        seconds: How long it takes.
-        yaw_deg: How far the head turns from the direction to the camera, degrees.
+        seconds: Duration.
+        yaw_deg: Amplitude of the yaw relative to the direction of the camera, degrees.
 
     Returns:
-        The person by time in seconds.
+        Function from a time in seconds to the person.
     """
 
     def at(time_s: float) -> StudioPerson:
@@ -130,7 +130,7 @@ def across(range_m: float, seconds: float = 4.0, yaw_deg: float = _YAW_DEG) -> C
 
 
 def webcam(picture: Any) -> Any:
-    """What a cheap webcam in a dim room makes of a picture: dark, noisy, blurred along the rows, packed as JPEG."""
+    """Degrade an image like a cheap webcam in a dim room: dark, noisy, blurred along the rows, JPEG compressed."""
     cv2 = import_opencv()
     rng = np.random.default_rng(int(picture.sum()) % 2**32)
     moved = cv2.blur(picture, (5, 1)).astype(np.float32)

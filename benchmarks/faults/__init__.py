@@ -1,1 +1,1 @@
-"""What a live run does under attacks and faults. May import gazempc."""
+"""Fault injection in live runs: attacks, tracker faults and faulty parts. May import gazempc."""

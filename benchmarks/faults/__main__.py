@@ -34,13 +34,13 @@ _BAD = ("outside_limits", "ended", "log_lost")
 def table(rows: Sequence[Count]) -> list[str]:
     """The families of parts as rows of a Markdown table.
 
-    The last column is the machine's: how many of the gaps an undisturbed process had at the same time.
+    The last column is the number of those gaps that coincide with one of an undisturbed process.
 
     Args:
         rows: The runs.
 
     Returns:
-        Lines.
+        Lines of the table.
     """
     heads = ("part", "kinds", *_BAD, "longest gap", f"over {_GAP_MS:g} ms", "the machine's")
     lines = []

@@ -1,4 +1,4 @@
-"""Other load on the machine, and the gaps that the machine itself makes."""
+"""Background load, and scheduling gaps of the machine."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from gazempc.live.process import real_time_priority
 _PERIOD_S = 0.005
 # Longest gap within an interval of `time.monotonic`, seconds; milliseconds.
 GapMs = Callable[[float, float], float]
-# Shorter gaps are those of the sleep itself.
+# Least gap to record; shorter ones are due to the sleep.
 _NOTED_S = 0.006
 
 
 @contextmanager
 def busy(cores: int) -> Iterator[None]:
-    """Processes that compute all the time.
+    """Keep processor cores busy.
 
     Args:
-        cores: How many.
+        cores: Number of processes.
     """
     processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(cores)]
     try:
@@ -39,10 +39,10 @@ def busy(cores: int) -> Iterator[None]:
 
 @contextmanager
 def control() -> Iterator[GapMs]:
-    """A process that only sleeps for a servo period, again and again, at the priority of a live run's servo.
+    """Reference process that repeatedly sleeps for a servo period, at the priority of a live run's servo.
 
     Yields:
-        The longest time between two of its wake-ups within an interval of `time.monotonic`, milliseconds.
+        Function that returns the longest time between two wake-ups in an interval of `time.monotonic`, milliseconds.
     """
     with NamedTemporaryFile("w+") as noted:
         process = subprocess.Popen([sys.executable, "-m", "benchmarks.faults.machine"], stdout=noted)

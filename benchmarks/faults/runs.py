@@ -1,6 +1,6 @@
-"""Runs on the real clock with parts that are watched: under attacks on the tracker, and with parts that misbehave.
+"""Real-time runs with fault injection: attacks on the tracker, and faulty parts.
 
-Each command is counted and timed, and what is logged is read again.
+Each command is counted and timed, and the logs are loaded again.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ from predictors import ConstantVelocity, Forecast, HeadObservation
 
 
 class Wrong:
-    """A part whose one method answers something else; a robot's commands are kept.
+    """Proxy of a part that modifies the result of one method and records a robot's commands.
 
     Args:
         inner: The part.
-        method: The method; empty for none.
-        change: Makes of its answer what is returned.
+        method: Name of the method; empty for none.
+        change: Function from the original to the returned result.
 
     Attributes:
         sent: Times and commands.
     """
 
-    # Joints are read as those of a real robot.
+    # Handled like a real robot.
     keeps_any_clock = False
 
     def __init__(self, inner: Any, method: str = "", change: Callable[[Any], Any] = lambda answer: answer) -> None:
@@ -72,22 +72,22 @@ class Wrong:
 
 @dataclass(frozen=True)
 class Count:
-    """What came of one run.
+    """Counts and times of one run.
 
     Attributes:
         family: ``simulated``, ``live``, or part and method.
-        kind: What was wrong.
-        commands: Commands sent.
-        outside_limits: Commands that are not finite, and differences of commands beyond a limit of the neck.
-        observations: How many arrived.
-        used: How many were used.
-        refused: How many were not, by reason.
+        kind: Injected fault.
+        commands: Number of commands sent.
+        outside_limits: Number of non-finite commands, and of violations of the neck's limits.
+        observations: Number of observations received.
+        used: Number of observations used.
+        refused: Number of rejected observations, by reason.
         gap_max_ms: Longest time between two commands.
-        machine_gap_ms: Longest gap of an undisturbed process within that time.
+        machine_gap_ms: Longest gap of an undisturbed process in that interval.
         ended: Whether the fault ended the run.
-        log_lost: Whether a log is missing, does not load or has not a row for each tick.
-        named: The event with the part's class and the method; empty if there is none.
-        gaze_error_rms_deg: Against the true head; None for parts.
+        log_lost: Whether a log is missing, cannot be loaded or lacks ticks.
+        named: Event with the part's class and method; empty if there is none.
+        gaze_error_rms_deg: RMS gaze error relative to the true head; None for parts.
     """
 
     family: str
@@ -106,14 +106,14 @@ class Count:
 
 
 def outside_limits(sent_rad: FloatArray, neck: NeckSpec) -> int:
-    """Count commands beyond the limits.
+    """Count violations of the limits.
 
     Args:
         sent_rad: Commands at the servo rate, shape (M, N), radians.
         neck: The limits.
 
     Returns:
-        Numbers that are not finite, or of which a difference is beyond a limit.
+        Number of values that are not finite, positions out of range, and differences up to third order beyond a limit.
     """
     count = int(np.sum(~np.isfinite(sent_rad)))
     count += int(np.sum((sent_rad > neck.position_max_rad + 1e-9) | (sent_rad < neck.position_min_rad - 1e-9)))
@@ -128,17 +128,17 @@ def outside_limits(sent_rad: FloatArray, neck: NeckSpec) -> int:
 def watch(
     setup: LiveSetup, names: tuple[str, str], seconds: float, machine_gap_ms: GapMs, on_ready: Callable[[LiveRun], None]
 ) -> tuple[Count, list[Log]]:
-    """Run in real time, as the command does.
+    """Run in real time, like the live command.
 
     Args:
-        setup: Its parts; the robot is a `Wrong`.
+        setup: Parts of the run; the robot is a `Wrong`.
         names: Family and kind.
-        seconds: How long.
+        seconds: Duration.
         machine_gap_ms: See `benchmarks.faults.machine.control`.
         on_ready: Called before the first tick.
 
     Returns:
-        What came of it, and its logs.
+        Counts and logs.
     """
     robot, ended, logs = setup.robot, False, []
     assert isinstance(robot, Wrong)
@@ -179,7 +179,7 @@ def watch(
     ), logs
 
 
-# What is wrong with the tracker, its clock or the network.
+# Faults of the tracker, its clock or the network.
 LIVE_FAULTS = (
     "none", "stranger", "strange_flood", "flood", *TCP_FAULTS, "clock_ahead", "clock_fast", "clock_behind",
     "impossible_heads",
@@ -187,18 +187,18 @@ LIVE_FAULTS = (
 
 
 def run_live(fault: str, seconds: float, machine_gap_ms: GapMs) -> Count:
-    """One run.
+    """Execute one run.
 
     Args:
         fault: One of `LIVE_FAULTS`.
-        seconds: How long.
+        seconds: Duration.
         machine_gap_ms: See `benchmarks.faults.machine.control`.
 
     Returns:
-        What came of it.
+        The counts.
     """
     port, kind = _free_port(), "tcp" if fault in TCP_FAULTS else "udp"
-    # A busy computer takes up to a minute to begin a run; the tracker is ended with it.
+    # A loaded machine takes up to a minute to start a run; the tracker ends with the run.
     with _tracker(fault, port, seconds + 60.0) as tracker:
         setup = build(LiveSettings(source=f"{kind}:127.0.0.1:{port}", out=Path()))
         unix_s = time.time() - setup.clock.now_s()
@@ -220,7 +220,7 @@ def _free_port() -> int:
 
 @contextlib.contextmanager
 def _tracker(fault: str, port: int, seconds: float) -> Iterator[IO[str]]:
-    """Starts the tracker, and waits until it is ready; its standard input."""
+    """Start the tracker and wait until it is ready; yields its standard input."""
     words = [sys.executable, "-m", "benchmarks.faults.tracker", fault, str(port), str(seconds)]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         process.stdout.readline()  # type: ignore[union-attr]
@@ -234,7 +234,7 @@ _FROM_S = 0.5
 
 
 class Holding(ConstantVelocity):
-    """A predictor that holds the lock for long now and then."""
+    """A predictor that intermittently holds the global interpreter lock."""
 
     forecasts = 0
 
@@ -247,19 +247,19 @@ class Holding(ConstantVelocity):
 
 
 def run_part(family: str, kind: str, machine_gap_ms: GapMs, seconds: float) -> Count:
-    """One run.
+    """Execute one run.
 
     Args:
         family: One of `FAMILIES`.
-        kind: One of that family.
+        kind: Fault of that family.
         machine_gap_ms: See `benchmarks.faults.machine.control`.
-        seconds: How long.
+        seconds: Duration.
 
     Returns:
-        What came of it.
+        The counts.
     """
     part, _, method = family.partition(",")[0].partition(".")
-    # Parts that are quick to make, a hundred times.
+    # Parts with a short construction time, for a hundred runs.
     settings = LiveSettings(source="replay", replay="subject03_R4", out=Path())
     setup = build(settings.model_copy(update={"controller": "lookahead", "predictor": "constant_velocity"}))
     if family == ISOLATED:
@@ -279,13 +279,13 @@ def run_part(family: str, kind: str, machine_gap_ms: GapMs, seconds: float) -> C
 
 
 def isolation_ms(calls: int) -> tuple[float, float]:
-    """What a process of its own costs: time of a forecast there less the time of one here, milliseconds.
+    """Overhead of a separate process: time of a forecast there minus the time in this process, milliseconds.
 
     Args:
-        calls: How many.
+        calls: Number of calls.
 
     Returns:
-        Median, and 99th percentile of the time there less the median here.
+        Difference of the medians, and 99th percentile there minus the median here.
     """
     times_s, took_ms = 0.1 + 0.02 * np.arange(25), []
     for predictor in (ConstantVelocity(), IsolatedPredictor(ConstantVelocity)):

@@ -1,4 +1,4 @@
-"""Trackers that misbehave, in simulated time: a walk, seen by the reference sensor, and spoilt on its way."""
+"""Tracker faults in simulated time, injected into the reference sensor's observations of a walk."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FRAME_HZ = 30.0
 
 
 def _poll(spoil: Spoil) -> Callable[[Arrived], Arrived]:
-    """Spoils what a source hands over, sighting by sighting."""
+    """Inject a fault into each observation of a source."""
     frames, rng = itertools.count(), np.random.default_rng(0)
     return lambda found: Arrived(tuple(each for s in found.sightings for each in spoil(s, next(frames), rng)))
 
@@ -48,8 +48,8 @@ def _each(frames: int) -> Spoil:
     return lambda s, k, rng: [s] if k % frames == 0 else []
 
 
-def _now_and_then(every_s: float, long_s: float, spoil: Spoil) -> Spoil:
-    """For `long_s` of each `every_s`."""
+def _periodic(every_s: float, long_s: float, spoil: Spoil) -> Spoil:
+    """Inject a fault for `long_s` of each period `every_s`."""
     return lambda s, k, rng: spoil(s, k, rng) if k / _FRAME_HZ % every_s > every_s - long_s else [s]
 
 
@@ -73,12 +73,12 @@ SIMULATED_FAULTS: dict[str, Spoil] = {
     "one frame in ten is a spike of 0.1 to 0.5 m": _spike,
     "range wrong by 15 % at each frame": lambda s, k, rng: _at(s, _head_m(s) * (1 + 0.15 * rng.normal())),
     "two people, alternate frames": lambda s, k, rng: _at(s, _head_m(s) + _ELSEWHERE_M * (k % 2)),
-    "another person for 0.7 s of 1.8 s": _now_and_then(1.8, 0.7, lambda s, k, rng: _at(s, _head_m(s) + _ELSEWHERE_M)),
-    "no person for 1 s of 3 s": _now_and_then(3.0, 1.0, lambda s, k, rng: []),
-    "frozen for 1 s of 3 s": _now_and_then(3.0, 1.0, lambda s, k, rng: _at(s, np.array([2.0, 0.5, 0.4]))),
+    "another person for 0.7 s of 1.8 s": _periodic(1.8, 0.7, lambda s, k, rng: _at(s, _head_m(s) + _ELSEWHERE_M)),
+    "no person for 1 s of 3 s": _periodic(3.0, 1.0, lambda s, k, rng: []),
+    "frozen for 1 s of 3 s": _periodic(3.0, 1.0, lambda s, k, rng: _at(s, np.array([2.0, 0.5, 0.4]))),
     "impossible heads, every other frame": lambda s, k, rng: _at(s, _head_m(s) * (1.0 if k % 2 else 1e6)),
     "each frame twice": lambda s, k, rng: [s, s],
-    "flies at 8 m/s for 1 s of 4 s": _now_and_then(
+    "flies at 8 m/s for 1 s of 4 s": _periodic(
         4.0, 1.0, lambda s, k, rng: _at(s, _head_m(s) + _TO_THE_LEFT * 8.0 * (k / _FRAME_HZ % 4.0 - 3.0))
     ),
 }
@@ -92,10 +92,10 @@ def run_simulated(fault: str, walk: str) -> Count:
         walk: A synthetic recording.
 
     Returns:
-        What came of it; the same each time.
+        The counts; deterministic.
     """
     setup = build(LiveSettings(source="replay", replay=walk, simulated_clock=True, out=Path()))
-    # The true head is at the source's times: it opens at zero of the simulated clock.
+    # The source opens at zero of the simulated clock, so its times are those of the true head.
     setup = replace(setup, source=Wrong(setup.source, "poll", _poll(SIMULATED_FAULTS[fault])))
     logs: list[Log] = []
     run = LiveRun(setup, lambda log, times: logs.append(log))

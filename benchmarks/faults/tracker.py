@@ -1,6 +1,6 @@
-"""A tracker as a process of its own, and what it may do wrong: `... -m benchmarks.faults.tracker FAULT PORT SECONDS`.
+"""A tracker in a separate process, with faults: `... -m benchmarks.faults.tracker FAULT PORT SECONDS`.
 
-It sends lines by UDP, or serves them by TCP where the fault is one of long lines.
+It sends lines by UDP, or serves them by TCP for faults of long lines.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ RATE_HZ, LATENCY_S = 30.0, 0.05
 TCP_FAULTS = ("long_lines", "lines_without_end")
 _LONG_LINE, _LONG_EVERY_S = 950_000, 0.1
 _STRANGER_AFTER_S = 0.3
-# Of the person's way to and fro across the robot's view.
+# Periodic path of the person across the robot's view.
 _RANGE_M, _HALF_WAY_M, _PERIOD_S = 2.5, 1.2, 6.0
 _IMPOSSIBLE_M = ([0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [3.0, 0.0, -9.0])
 
 
 def head_m(times_s: FloatArray) -> FloatArray:
-    """Where the person's head is in the base frame.
+    """Position of the person's head in the base frame.
 
     Args:
-        times_s: Times of any clock, shape (H,), seconds.
+        times_s: Times on any clock, shape (H,), seconds.
 
     Returns:
         Shape (H, 3), metres.
@@ -39,13 +39,13 @@ def head_m(times_s: FloatArray) -> FloatArray:
 
 
 def line(captured_s: float, stamp_s: float, place_m: list[float] | None = None) -> bytes:
-    """A line of what is seen at a time, with some stamp."""
+    """Line with the observation of a time, with a given time stamp."""
     seen_m = head_m(np.array([captured_s]))[0].round(4).tolist() if place_m is None else place_m
     return json.dumps({"capture_time_s": stamp_s, "head_position_m": seen_m}).encode("ascii") + b"\n"
 
 
 def lines_of(fault: str, began_s: float, now_s: float, frame: int) -> bytes:
-    """What the tracker itself sends at a frame."""
+    """Lines that the tracker sends at a frame."""
     captured_s = now_s - LATENCY_S
     stamp_s = {
         "clock_ahead": captured_s + 0.1,
@@ -57,12 +57,12 @@ def lines_of(fault: str, began_s: float, now_s: float, frame: int) -> bytes:
 
 
 def strange(now_s: float, frame: int) -> bytes:
-    """Forged observations: another person at the other side, with the newest capture time."""
+    """Forged observations: another person on the opposite side, with the newest capture time."""
     return b'{"age_s": 0.0, "head_position_m": [2.0, %.1f, 0.4]}\n' % (2.0 if frame % 60 < 30 else -2.0)
 
 
 def send(fault: str, port: int, seconds: float) -> None:
-    """Send for some seconds."""
+    """Send by UDP for a duration in seconds."""
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
@@ -75,7 +75,7 @@ def send(fault: str, port: int, seconds: float) -> None:
             time.sleep(max(0.0, began_s + frame / rate_hz - time.time()))
             now_s, to = time.time(), ("127.0.0.1", port)
             if fault in ("stranger", "strange_flood"):
-                # A line announces the start of the run: the tracker is its first sender.
+                # Attack only after the start of the run, announced by a line: the first sender must be the tracker.
                 if strange_from_s is None and select.select([sys.stdin], [], [], 0.0)[0]:
                     strange_from_s = now_s + _STRANGER_AFTER_S
                 if strange_from_s is not None and now_s > strange_from_s:
@@ -86,7 +86,7 @@ def send(fault: str, port: int, seconds: float) -> None:
 
 
 def serve(fault: str, port: int, seconds: float) -> None:
-    """Serve one client for some seconds."""
+    """Serve one client by TCP for a duration in seconds."""
     with socket.socket() as server:
         server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         server.bind(("127.0.0.1", port))

@@ -1,4 +1,4 @@
-"""What a part can do wrong: what it returns and raises, and how long it takes."""
+"""Injected faults of a part: return values, exceptions and delays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ISOLATED = "Predictor in a process of its own"
 
 
 def _with(value: Any, **fields: Any) -> Any:
-    """A frozen value with other fields, past its own checks."""
+    """Copy of a frozen dataclass with replaced fields, without validation."""
     other = replace(value)
     for name, new in fields.items():
         object.__setattr__(other, name, new)
@@ -35,8 +35,8 @@ def _raise(error: BaseException) -> Change:
     return change
 
 
-def _each(seconds: float) -> Change:
-    """Take so long at each call."""
+def _delay(seconds: float) -> Change:
+    """Delay each call."""
 
     def change(answer: Any) -> Any:
         time.sleep(seconds)
@@ -53,19 +53,19 @@ def _compute(answer: Any) -> Any:
 
 
 def hold_lock(answer: Any) -> Any:
-    """One call in C that does not release the interpreter's lock."""
+    """One C call that holds the global interpreter lock."""
     sum(range(4_000_000))
     return answer
 
 
-def _once(take: Change) -> Change:
-    """Take long at the first call, then no more."""
+def _first_call(take: Change) -> Change:
+    """Inject a fault at the first call only."""
     left = [take]
     return lambda answer: left.pop()(answer) if left else answer
 
 
 def _answers() -> dict[str, Change]:
-    """What any call may raise or return instead. Each family below adds what only it may return."""
+    """Faults of any call; each family below adds its specific ones."""
     return {
         "raises": _raise(ValueError("made to fail")),
         "raises BaseException": _raise(BaseException("made to fail")),
@@ -76,7 +76,7 @@ def _answers() -> dict[str, Change]:
 
 
 def _blocks() -> dict[str, Change]:
-    return {"blocks for 1 s": _once(_each(1.0)), "15 ms each": _each(0.015)}
+    return {"blocks for 1 s": _first_call(_delay(1.0)), "15 ms each": _delay(0.015)}
 
 
 _ARRAYS: dict[str, Change] = {
@@ -89,7 +89,7 @@ _ARRAYS: dict[str, Change] = {
 
 
 def _field(name: str) -> dict[str, Change]:
-    """Each bad array in a field of what is returned; lists, too, which are accepted in place of it."""
+    """Invalid arrays in a field of the return value; also lists, which are valid."""
 
     def spoil(bad: Change, value: Any) -> Any:
         return _with(value, **{name: bad(getattr(value, name))})
@@ -101,7 +101,7 @@ _OF_PLAN = ("position_rad", "velocity_rad_s", "acceleration_rad_s2")
 _random = random.Random(0)
 
 
-def _now_and_then(answer: Any) -> Any:
+def _intermittent(answer: Any) -> Any:
     if _random.random() < 0.4:
         raise OSError("no acknowledgement")
     return answer
@@ -150,7 +150,7 @@ FAMILIES: dict[str, dict[str, Change]] = {
         **_answers(), **_ARRAYS,
         "three joints": lambda answer: np.zeros(3),
         "1e9 rad": lambda sent: sent + 1e9,
-        "raises now and then": _now_and_then,
+        "raises now and then": _intermittent,
     },
     "Robot.true_state": {**_answers(), **_field("position_rad")},
     "Source.poll": {
@@ -164,11 +164,11 @@ FAMILIES: dict[str, dict[str, Change]] = {
     "Source.finished": {**_answers(), **_blocks(), "text": lambda answer: ""},
     "Robot.close": _answers() | _blocks(),
     "Source.close": _answers() | _blocks(),
-    # These hold up commands whatever the loop does: the command itself is not sent, a simulator computes in the thread
-    # that sends, or the interpreter's lock is held.
+    # These delay commands independently of the loop: the send call blocks, a simulator computes in the sending thread,
+    # or the global interpreter lock is held.
     "Robot.send_command, blocking": _blocks(),
     "Robot.true_state, blocking": _blocks(),
-    **{f"{call}, holding the lock": {"once": _once(hold_lock)} for call in (
+    **{f"{call}, holding the lock": {"once": _first_call(hold_lock)} for call in (
         "Controller.plan", "Predictor.update", "Predictor.forecast", "Robot.read_state", "Source.poll",
     )},
     ISOLATED: {"holds the lock": lambda answer: answer},
@@ -176,7 +176,7 @@ FAMILIES: dict[str, dict[str, Change]] = {
 
 
 def cases(short: bool = False) -> Iterator[tuple[str, str]]:
-    """All kinds, with an undisturbed run before each family; a few with `short`."""
+    """All faults, with an undisturbed run before each family; a subset with `short`."""
     for family, kinds in FAMILIES.items():
         if short and family != "Controller.plan":
             continue

@@ -1,1 +1,1 @@
-"""The MPC's problem, several ways to solve it, and their figures. May import benchmarks and gazempc."""
+"""The MPC's problem, alternative solvers, and their timing. May import benchmarks and gazempc."""

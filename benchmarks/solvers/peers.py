@@ -1,4 +1,4 @@
-"""Solvers of the MPC's problem: this project's, those of quadratic programs, and a tool for nonlinear programs."""
+"""Solvers of the MPC's problem: this project's, QP solvers, and an NLP tool."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
 AxisSolver = Callable[[FloatArray, FloatArray], FloatArray]
-# From the linear cost and the bounds of the rows to the scaled jerks.
+# Function from linear cost and lower and upper bounds of the rows to the scaled jerks.
 CondensedSolver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-# A limit left by more than this share of it is more than a solver's tolerance.
+# Relative violation of a limit beyond solver tolerances.
 _SOFTENED = 1e-5
 
 
 class PeerFailedError(RuntimeError):
-    """A solver reports that it has no solution."""
+    """A solver returned no solution."""
 
 
 class Peer(ABC):
-    """One way to solve both joints' problems.
+    """Solver of both joints' problems.
 
     Args:
         neck: The neck.
@@ -56,18 +56,18 @@ class Peer(ABC):
             Command positions at the end of each step, shape (2, N), radians.
 
         Raises:
-            PeerFailedError: If it has none.
+            PeerFailedError: If there is no solution.
         """
 
 
 def condensed(problem: AxisProblem) -> AxisOcp:
-    """The condensed program over equal steps, as all peers can pose it; the controller's own steps grow."""
+    """Condensed program over equal steps, common to all peers; the controller uses move blocking."""
     model = AxisModel(problem.neck, problem.index, (1,) * problem.steps, problem.steps)
     return AxisOcp(model, problem.smoothing_time_s)
 
 
 class Gazempc(Peer):
-    """This project: one constant matrix while no limit binds, DAQP where one does; arguments as of `Peer`.
+    """This project's solver: a constant feedback matrix without active limits, DAQP otherwise; arguments as of `Peer`.
 
     Attributes:
         ocps: The problems of pan and tilt.
@@ -90,12 +90,12 @@ class Gazempc(Peer):
         return np.stack([solution.command[0] for solution in solutions])
 
     def used(self, states: FloatArray, references: FloatArray) -> list[str]:
-        """What answers for pan and for tilt; arguments of `Peer.solve`."""
+        """Solver used for pan and for tilt; arguments of `Peer.solve`."""
         return [ocp.solve(states[i], references[i]).solver for i, ocp in enumerate(self.ocps)]
 
 
 class AxisPeer(Peer):
-    """One that solves each joint's problem on its own; arguments as of `Peer`."""
+    """Solver of each joint's problem separately; arguments as of `Peer`."""
 
     def __init__(self, neck: NeckSpec, steps: int, smoothing_time_s: float) -> None:
         super().__init__(neck, steps, smoothing_time_s)
@@ -103,7 +103,7 @@ class AxisPeer(Peer):
 
     @abstractmethod
     def _axis(self, problem: AxisProblem) -> AxisSolver:
-        """Make the solver of one joint: command positions from z0 and the reference."""
+        """Construct the solver of one joint: function from z0 and reference to command positions."""
 
     def solve(self, states: FloatArray, references: FloatArray) -> FloatArray:
         """See `Peer.solve`."""
@@ -111,7 +111,7 @@ class AxisPeer(Peer):
 
 
 class CondensedPeer(AxisPeer):
-    """One that solves the condensed program of each joint; arguments as of `Peer`."""
+    """Solver of each joint's condensed program; arguments as of `Peer`."""
 
     def _axis(self, problem: AxisProblem) -> AxisSolver:
         ocp = condensed(problem)
@@ -126,11 +126,11 @@ class CondensedPeer(AxisPeer):
 
     @abstractmethod
     def _solver(self, data: QpData, n: int) -> CondensedSolver:
-        """Make the solver of a program with n scaled jerks."""
+        """Construct the solver of a program with n scaled jerks."""
 
 
 class DaqpAlways(CondensedPeer):
-    """Ours without the constant matrix: DAQP in every tick; shows what the matrix is worth."""
+    """This project's solver without the constant matrix, DAQP in every tick: measures the benefit of the matrix."""
 
     name = "daqp_always"
 
@@ -150,7 +150,7 @@ class DaqpAlways(CondensedPeer):
 
 
 class PiqpPackage(CondensedPeer):
-    """The piqp package, dense and with hard limits; it has no warm start."""
+    """The piqp package, dense, with hard limits, without warm start."""
 
     name = "piqp"
 
@@ -158,7 +158,7 @@ class PiqpPackage(CondensedPeer):
         import piqp  # noqa: PLC0415
 
         solver, ones, rows = piqp.DenseSolver(), np.ones(n), np.ones(3 * n)
-        # Its own tolerances are out of reach in some ticks.
+        # The default tolerances are not attained in some ticks.
         solver.settings.eps_abs = solver.settings.eps_duality_gap_abs = 1e-6
         solver.settings.eps_rel = solver.settings.eps_duality_gap_rel = 1e-7
         h, a = np.asfortranarray(data.h), np.asfortranarray(data.a)
@@ -174,9 +174,9 @@ class PiqpPackage(CondensedPeer):
 
 
 class Osqp(CondensedPeer):
-    """The osqp package with hard limits, vectors updated, warm started.
+    """The osqp package with hard limits, updated vectors and warm start.
 
-    On the sparse program it stops at its limit of iterations in far more of the ticks in which limits bind.
+    On the sparse program it reaches the iteration limit in many more of the ticks with active limits.
     """
 
     name = "osqp"
@@ -203,7 +203,7 @@ class Osqp(CondensedPeer):
 
 
 class CasadiQrqp(AxisPeer):
-    """CasADi's own active-set solver on the sparse program, started from its last solution and multipliers."""
+    """CasADi's active-set solver on the sparse program, with primal and dual warm start."""
 
     name = "casadi_qrqp"
     plugin: ClassVar[str] = "qrqp"
@@ -227,7 +227,7 @@ class CasadiQrqp(AxisPeer):
                 h=h, g=linear_cost(cost, problem, reference), a=a, lba=below, uba=above, lbx=lower, ubx=upper, **start
             )
             if not solver.stats()["success"]:
-                start.clear()  # what led there is no start for the next call
+                start.clear()  # no warm start after a failure
                 raise PeerFailedError("not solved")
             start.update(x0=answer["x"], lam_x0=answer["lam_x"], lam_a0=answer["lam_a"])
             return np.asarray(answer["x"]).ravel()[2 : 5 * n : 5]
@@ -236,7 +236,7 @@ class CasadiQrqp(AxisPeer):
 
 
 class Accurate(CasadiQrqp):
-    """What the others are compared with: an interior-point method at tight tolerances on the sparse program."""
+    """Reference: an interior-point method with tight tolerances on the sparse program."""
 
     name = "accurate"
     plugin = "piqp"
@@ -247,16 +247,16 @@ class Accurate(CasadiQrqp):
 
 
 class DoMpc(Peer):
-    """do-mpc on the discrete linear model of both joints; IPOPT, which it starts from its last solution.
+    """do-mpc on the discrete linear model of both joints; IPOPT, warm started from the last solution.
 
-    IPOPT gets one program for both joints, which is faster for it.
+    One program for both joints, which is faster with IPOPT.
     """
 
     name = "do_mpc"
 
     def __init__(self, neck: NeckSpec, steps: int, smoothing_time_s: float) -> None:
         super().__init__(neck, steps, smoothing_time_s)
-        # It warns of each optional feature that is not installed, and CasADi of how do-mpc uses numpy.
+        # Warnings about missing optional features, and of CasADi about the use of NumPy by do-mpc.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             self._set_up(neck, steps)
@@ -279,7 +279,7 @@ class DoMpc(Peer):
         mpc = do_mpc.controller.MPC(model)
         mpc.settings.n_horizon, mpc.settings.t_step = steps, neck.control_period_s
         mpc.settings.use_terminal_bounds = True
-        mpc.settings.store_lagr_multiplier = False  # would only grow
+        mpc.settings.store_lagr_multiplier = False  # grows without bound
         mpc.settings.supress_ipopt_output()
         mpc.set_objective(lterm=COST_SCALE * (cost + jerk_cost), mterm=COST_SCALE * cost)
         mpc.set_rterm(s0=0.0, s1=0.0)
@@ -287,7 +287,7 @@ class DoMpc(Peer):
             for side, sign in (("lower", -1.0), ("upper", 1.0)):
                 mpc.bounds[side, "_x", f"z{i}"] = mpc.terminal_bounds[side, f"z{i}"] = problem.bounds(sign)
                 mpc.bounds[side, "_u", f"s{i}"] = sign
-                # Of the state at the step's end: do-mpc would put it to the state now, and not to the last one.
+                # At the end of the step: do-mpc constrains the initial state and not the terminal one.
                 (A, b), row = problem.model, sign * problem.velocity_row
                 velocity = ca.mtimes(ca.DM(row @ A).T, model.x[f"z{i}"]) + float(row @ b) * model.u[f"s{i}"]
                 mpc.set_nl_cons(f"{side}_v{i}", velocity, ub=problem.velocity_max_rad_s)
@@ -306,7 +306,7 @@ class DoMpc(Peer):
         """See `Peer.solve`."""
         for i, problem in enumerate(self._problems):
             aims = problem.aims(references[i]).T
-            self._references["_tvp", :, f"aims{i}"] = [aims[0], *aims]  # that of the state now does not matter
+            self._references["_tvp", :, f"aims{i}"] = [aims[0], *aims]  # the initial state's reference has no effect
         self._mpc.make_step(states.reshape(10, 1))
         if not self._mpc.solver_stats["success"]:
             raise PeerFailedError(self._mpc.solver_stats["return_status"])

@@ -1,4 +1,4 @@
-"""The gaze MPC's problem for its peers: the numbers of `gazempc.controllers.mpc.problem`, over equal steps.
+"""The gaze MPC's problem for other solvers: the matrices of `gazempc.controllers.mpc.problem`, over equal steps.
 
 For pan and for tilt, with z = [q, v, u, du, ddu] at the end of each step, and ``z+ = M z + m s`` over one control
 period, s being the jerk as a share of its limit:
@@ -66,7 +66,7 @@ class AxisProblem:
 
     @cached_property
     def _weights(self) -> FloatArray:
-        # Of q, v, a and j in one step.
+        # Weights of q, v, a and j in one step.
         o = Trajectory(self.neck, self.index, (1,) * self.steps)
         first = ca.vertcat(o.q[0], o.v[0], o.a[0], o.j[0])
         hessian, _, _ = ca.quadratic_coeff(cost(o, Tuning(self.smoothing_time_s)), first)
@@ -83,7 +83,7 @@ class AxisProblem:
 
     @property
     def outputs(self) -> FloatArray:
-        """What is made small, from z: joint angle, weighted velocity and acceleration; shape (3, 5)."""
+        """Output matrix C, from z to joint angle, weighted velocity and weighted acceleration; shape (3, 5)."""
         q, v, u = (ca.SX.sym(name) for name in "qvu")
         slopes = ca.jacobian(acceleration(self.neck, self.index, q, v, u), ca.vertcat(q, v, u))
         C = np.zeros((3, 5))
@@ -97,23 +97,23 @@ class AxisProblem:
 
     @property
     def jerk_weight(self) -> float:
-        """Weight of a squared jerk, counted as a share of the largest: T_j^6 j_max^2."""
+        """Weight of the squared jerk, normalised by its limit: T_j^6 j_max^2."""
         return float(self._weights[3]) * jerk_max_rad_s3(self.neck, self.index) ** 2
 
     def aims(self, reference: FloatArray) -> FloatArray:
-        """What the outputs shall be: the reference, its weighted central differences and zero; shape (3, N)."""
+        """Set-points of the outputs: reference, its weighted central differences, and zero; shape (3, N)."""
         rates = np.gradient(reference, self.neck.control_period_s)
         return np.stack([reference, self.velocity_weight * rates, np.zeros_like(reference)])
 
     @property
     def velocity_row(self) -> FloatArray:
-        """What the velocity limit is for, from z, shape (5,): the command's velocity half a step on."""
+        """Row of the velocity limit, from z, shape (5,): the command's velocity half a step later."""
         slopes, _ = self._rows
         return np.concatenate([np.zeros(2), slopes[1] / slopes[1, 1]])
 
     @property
     def velocity_max_rad_s(self) -> float:
-        """The velocity limit."""
+        """Velocity limit."""
         return 1.0 / float(self._rows[0][1, 1])
 
     def bounds(self, side: float) -> FloatArray:
@@ -124,7 +124,7 @@ class AxisProblem:
 
 
 def sparse_program(problem: AxisProblem) -> tuple[sparse.csc_matrix, sparse.csc_matrix, FloatArray]:
-    """The problem without condensing, in w = [z_1 .. z_N, s_1 .. s_N]: 1/2 w'Hw + g'w with bounds on w and rows.
+    """Sparse (uncondensed) program, in w = [z_1 .. z_N, s_1 .. s_N]: 1/2 w'Hw + g'w with bounds on w and rows.
 
     Args:
         problem: The problem of one joint.
@@ -144,7 +144,7 @@ def sparse_program(problem: AxisProblem) -> tuple[sparse.csc_matrix, sparse.csc_
 
 
 def linear_cost(cost: FloatArray, problem: AxisProblem, reference: FloatArray) -> FloatArray:
-    """Write a reference into the cost of a sparse program."""
+    """Set the reference in the linear cost of a sparse program."""
     aims = problem.aims(reference)
     n = 5 * len(reference)
     cost[:n:5] = -2.0 * COST_SCALE * aims[0]

@@ -1,4 +1,4 @@
-"""A closed-loop run of the MPC: what its solver has to solve, tick by tick, and the times of solvers on it."""
+"""A closed-loop run of the MPC: its programs, tick by tick, and the computing times of solvers on them."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ from predictors import ConstantVelocity, Forecast, HeadObservation
 
 _NOISE_M = 0.01
 _HOLD_TICKS = 50
-# Where the targets are, pan and tilt; the person before them leaves at pan 63 deg, and the third is beyond the limits.
+# Directions of standing targets, pan and tilt, after a person who leaves at pan 63 deg; the third is out of range.
 _TARGETS_DEG = ((-20, -15), (50, 30), (100, 60), (40, 10), (-35, -30), (20, -20))
 _TARGET_DISTANCE_M = 1.5
-# Speed of a standing person's head, at most.
+# Maximum speed of a standing person's head.
 _STANDING_M_S = 0.1
 
 
 def heads_m(times_s: FloatArray) -> FloatArray:
-    """Head of the person who walks past, shape (H, 3); at time 0 it is at a pan angle of 63 deg."""
-    # The head goes up and down twice, and sideways once, a stride.
+    """Head positions of the walking person, shape (H, 3); at a pan angle of 63 deg at time 0."""
+    # Bob at twice the stride frequency, sway at the stride frequency.
     stride = 2.0 * np.pi * 0.9 * times_s
     return np.stack([1.5 + 0.02 * np.sin(stride), 3.0 + 1.2 * times_s, 0.35 + 0.02 * np.sin(2.0 * stride)], axis=1)
 
 
 def target_m(pan_deg: float, tilt_deg: float) -> FloatArray:
-    """A head in a direction, shape (3,)."""
+    """Head position in a direction, shape (3,)."""
     pan, tilt = np.deg2rad((pan_deg, tilt_deg))
     return _TARGET_DISTANCE_M * np.array([np.cos(pan) * np.cos(tilt), np.sin(pan) * np.cos(tilt), np.sin(tilt)])
 
 
 def forecasts(neck: NeckSpec, steps: int, ticks: int, seed: int) -> Iterator[Forecast]:
-    """What is forecast at each control tick.
+    """Forecasts at the control ticks.
 
     Args:
         neck: The neck.
         steps: Length of the horizon, control periods.
         ticks: Control ticks.
-        seed: For the noise of what is seen.
+        seed: Seed of the measurement noise.
 
     Yields:
-        In the first four tenths, the way that a person really walks past. In the next two tenths, a constant-velocity
-        forecast of them from noisy sightings. Then people who stand in one place after the other, each forecast at the
-        mean of their noisy sightings.
+        In the first four tenths, the true path of a walking person; in the next two tenths, constant-velocity forecasts
+        of the person from noisy observations; then a sequence of standing people, each forecast at the mean of noisy
+        observations.
     """
     rng = np.random.default_rng(seed)
     period_s, known, walking = neck.control_period_s, 4 * ticks // 10, 6 * ticks // 10
@@ -93,9 +93,9 @@ class Run:
     Attributes:
         states: Initial states of pan and tilt, shape (K, 2, 5).
         references: Reference angles, shape (K, 2, N).
-        binding: Whether a limit binds, shape (K,): the best motion without limits would leave one.
-        softened: In how many ticks ours left a limit; others, with hard limits, would have no solution.
-        solvers: How many of the 2 K programs each solver answered.
+        binding: Whether a limit is active, shape (K,): the unconstrained optimum violates one.
+        softened: Number of ticks in which this project's soft limits are violated: infeasible with hard limits.
+        solvers: Number of the 2 K programs by solver.
     """
 
     states: FloatArray
@@ -106,16 +106,16 @@ class Run:
 
 
 def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
-    """Run our solver in closed loop, always with `STEPS` steps: joint and command move by the model.
+    """Run this project's solver in closed loop with `STEPS` steps, without model mismatch.
 
     Args:
         neck: The neck, with one dead time, a whole number of control periods.
-        steps: For how many steps references are given.
+        steps: Number of steps of the references.
         ticks: Control ticks.
-        seed: For the noise of what is seen.
+        seed: Seed of the measurement noise.
 
     Returns:
-        What it had to solve.
+        The programs of the run.
     """
     limits, ocps = neck.command_limits, Gazempc(neck, STEPS, SMOOTHING_TIME_S).ocps
     models = [tick_matrices(neck, i) for i in range(2)]
@@ -145,23 +145,23 @@ def simulate(neck: NeckSpec, steps: int, ticks: int, seed: int = 0) -> Run:
     )
 
 
-# A command this near to the accurate one is the same.
+# Tolerance of agreement with the accurate command.
 AGREE_RAD = 1e-4
-# Calls that are not timed: solvers set themselves up in their first ones.
+# Number of untimed initial calls.
 WARM_UP = 5
 Figures = dict[str, Any]
 
 
 def solve_all(peer: Peer, run: Run) -> tuple[FloatArray, FloatArray]:
-    """Let one solver solve all ticks, one after the other.
+    """Solve all ticks in sequence with one solver.
 
     Args:
         peer: The solver.
-        run: What to solve.
+        run: Programs to solve.
 
     Returns:
         CPU time of each call, shape (K,), milliseconds; command of pan and tilt at the end of the first control
-        period, shape (K, 2), radians, NaN where it found none.
+        period, shape (K, 2), radians, NaN after a failure.
     """
     times_ms, first = np.zeros(len(run.states)), np.full((len(run.states), 2), np.nan)
     gc.collect()
@@ -177,16 +177,16 @@ def solve_all(peer: Peer, run: Run) -> tuple[FloatArray, FloatArray]:
 
 
 def measure(peer: Peer, run: Run, accurate_rad: FloatArray) -> Figures:
-    """Time one solver and compare its commands.
+    """Measure one solver: computing times, and errors of its commands.
 
     Args:
         peer: The solver.
-        run: What to solve.
+        run: Programs to solve.
         accurate_rad: Accurate commands at the end of the first control period, shape (K, 2).
 
     Returns:
-        Its name, CPU times of a call for both joints in milliseconds, the largest difference in radians, ticks with a
-        larger one than `AGREE_RAD`, and ticks without a command.
+        Name, CPU times of a call for both joints in milliseconds, maximum error of the command in radians, number of
+        ticks with an error above `AGREE_RAD`, and number of failures.
     """
     times_ms, first = solve_all(peer, run)
     difference = np.abs(first - accurate_rad).max(axis=1)
@@ -206,12 +206,12 @@ def measure(peer: Peer, run: Run, accurate_rad: FloatArray) -> Figures:
 
 
 def accurate_commands(neck: NeckSpec, steps: int, run: Run) -> FloatArray:
-    """Find what commands are compared with.
+    """Compute the reference commands.
 
     Args:
         neck: The neck.
         steps: Length of the horizon, control periods.
-        run: What to solve.
+        run: Programs to solve.
 
     Returns:
         Accurate commands at the end of the first control period, shape (K, 2), radians.
@@ -223,7 +223,7 @@ def accurate_commands(neck: NeckSpec, steps: int, run: Run) -> FloatArray:
 
 
 def grow(neck: NeckSpec, steps: int, ticks: int) -> Figures:
-    """Time ours with one length of the horizon, from the states of the same run, and check its commands.
+    """Measure this project's solver at one horizon length, on the states of the same run.
 
     Args:
         neck: The neck.
@@ -231,7 +231,7 @@ def grow(neck: NeckSpec, steps: int, ticks: int) -> Figures:
         ticks: Control ticks of the run.
 
     Returns:
-        The figures of `measure`, named by the length, and the median where limits bind; None if none does.
+        Result of `measure`, named by the length, and the median time with active limits; None without such ticks.
     """
     run, ours = simulate(neck, steps, ticks), Gazempc(neck, steps, SMOOTHING_TIME_S)
     found = measure(ours, run, accurate_commands(neck, steps, run))
@@ -242,13 +242,13 @@ def grow(neck: NeckSpec, steps: int, ticks: int) -> Figures:
 
 
 def table(rows: Sequence[Figures]) -> str:
-    """Write figures for reading.
+    """Format the results as a table.
 
     Args:
-        rows: Of `measure` or `grow`, all of one kind; the first one is what medians are compared with.
+        rows: Results of `measure` or of `grow`; the first is the reference of the ratios.
 
     Returns:
-        Lines.
+        Lines of the table.
     """
     lines = [f"{'':<14}{'ratio':>8}" + "".join(f"{name:>21}" for name in list(rows[0])[1:])]
     for row in rows:

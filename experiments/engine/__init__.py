@@ -1,1 +1,1 @@
-"""One engine for all jobs over many recordings: cache, workers, progress, stop, resume. May import gazempc."""
+"""Execution of jobs over many recordings: cache, worker pool, progress, resumption. May import gazempc."""

@@ -1,4 +1,4 @@
-"""Settings, command line, exit status and messages of all commands: recordings, sensors and own parts by name."""
+"""Settings, command line, exit status and messages common to all commands; recordings, sensors and parts by name."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from gazempc.sim.sensor import SensorSpec, load_sensor
 from gazempc.specfiles import explain
 
 S = TypeVar("S", bound=BaseModel)
-# Sensors that a recording may call for if none is named.
+# Default sensors, one of which a recording selects.
 _DEFAULT_SENSORS = ("reference", "recorded")
 _SETS = {"synthetic": synthetic_names, "everyday": everyday_names}
 
 
 class WorkSettings(Settings):
-    """Workers of a command, and the folder of its results."""
+    """Worker processes of a command, and the folder of its results."""
 
     jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes on this machine")
     dask: str | None = Field(
@@ -44,14 +44,14 @@ class WorkSettings(Settings):
 
     @classmethod
     def of(cls, name: str, values: dict[str, Any]) -> Self:
-        """Settings from Python.
+        """Settings from keyword arguments.
 
         Args:
-            name: What takes them, for messages.
+            name: Function name, for messages.
             values: Value by field.
 
         Raises:
-            SettingsError: With every unknown field and every wrong value.
+            SettingsError: With all unknown fields and invalid values.
         """
         try:
             return cls.model_validate(values)
@@ -59,10 +59,10 @@ class WorkSettings(Settings):
             raise SettingsError(explain(error, name, cls)) from None
 
     def saved(self, *also: str) -> dict[str, Any]:
-        """The settings for a summary, without these: results do not depend on the workers.
+        """Settings for a summary, without those of the workers, on which results do not depend.
 
         Args:
-            also: Other fields to leave out.
+            also: Further fields to exclude.
         """
         return self.model_dump(mode="json", exclude={*WorkSettings.model_fields, *also})
 
@@ -85,17 +85,17 @@ class ChoiceSettings(WorkSettings):
     )
 
     def recordings_in_place(self) -> dict[str, str]:
-        """The recordings as of `find_recordings`, each with its name of `in_place`."""
+        """Result of `in_place` by recording, from `find_recordings`."""
         return {name: in_place(name) for name in find_recordings(self.recordings)}
 
     def checked_predictors(self, *controllers: str) -> list[str]:
-        """The predictors by name, each once.
+        """Distinct names of the predictors, after validation.
 
         Args:
-            controllers: That use them.
+            controllers: Controllers to check with them.
 
         Raises:
-            GazempcError: If a part or a fitted model is missing, or an option is for none.
+            GazempcError: If a part or a fitted model is missing, or no part has an option.
         """
         predictors = list(dict.fromkeys(DEFAULT_PREDICTOR if p == "default" else p for p in self.predictors))
         check_parts(controllers, predictors, self.options)
@@ -104,7 +104,7 @@ class ChoiceSettings(WorkSettings):
 
 
 def check_fitted(walker: WalkerSettings) -> None:
-    """Raise WalkerModelError unless the fitted models can be read."""
+    """Raise WalkerModelError if the fitted models cannot be read."""
     if walker.fitted is not None:
         walker_model(walker.fitted, "")
 
@@ -114,14 +114,14 @@ def find_recordings(words: Sequence[str]) -> list[str]:
 
     Args:
         words: ``synthetic`` for all synthetic walks, ``everyday`` for the synthetic people who stand, start and stop, a
-            folder for all recordings in it (its ``index.csv`` is not one), a file, a folder that is itself a
-            recording, or a synthetic name.
+            folder for all recordings in it (except ``index.csv``), a file, a folder that is itself a recording, or a
+            synthetic name.
 
     Returns:
-        Names and paths, each once, in the order given; files of a folder sorted.
+        Distinct names and paths in the given order; files of a folder sorted.
 
     Raises:
-        GazempcError: If something does not exist, or a folder has no recordings; all such words at once.
+        GazempcError: With all words that do not exist, or are folders without recordings.
     """
     found: list[str] = []
     problems = []
@@ -129,7 +129,7 @@ def find_recordings(words: Sequence[str]) -> list[str]:
         path = Path(word)
         try:
             path.exists()
-        except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
+        except (OSError, ValueError) as error:  # such as a name that is too long or contains a null byte
             why = error.strerror if isinstance(error, OSError) else error
             problems.append(f"{shown(word, 80)}: not a recording; {why}")
             continue
@@ -153,22 +153,22 @@ def find_recordings(words: Sequence[str]) -> list[str]:
 
 
 def in_place(recording: str) -> str:
-    """A recording by a name that is right in any folder: the absolute path of a file, or a synthetic name."""
+    """Identifier of a recording independent of the working directory: absolute path, or synthetic name."""
     path = Path(recording)
     return str(path.resolve()) if path.exists() else recording
 
 
 def sensors_by_name(chosen: str | None) -> dict[str, SensorSpec]:
-    """The chosen sensor, or all that a recording may call for.
+    """The chosen sensor, or all default sensors.
 
     Args:
-        chosen: Shipped sensor or .toml file; None for the one that fits each recording.
+        chosen: Shipped sensor or .toml file; None for each recording's default.
 
     Returns:
         Sensor by name.
 
     Raises:
-        SettingsError: If there is no such sensor.
+        SettingsError: If the sensor does not exist.
     """
     return {name: load_sensor(name) for name in ((chosen,) if chosen else _DEFAULT_SENSORS)}
 
@@ -177,13 +177,13 @@ def each_sensor(chosen: Sequence[str]) -> dict[str | None, dict[str, SensorSpec]
     """The sensors of a comparison.
 
     Args:
-        chosen: Shipped sensors or .toml files; none for the one that fits each recording.
+        chosen: Shipped sensors or .toml files; empty for each recording's default.
 
     Returns:
-        What `sensors_by_name` gives for each; under None if none was chosen.
+        Result of `sensors_by_name` for each; under None if none was chosen.
 
     Raises:
-        SettingsError: If there is no such sensor, or two have the same name, which tables could not tell apart.
+        SettingsError: If a sensor does not exist, or two have the same name, which would be ambiguous in tables.
     """
     found = {name: sensors_by_name(name) for name in dict.fromkeys(chosen or (None,))}
     first: dict[str, str] = {}
@@ -194,7 +194,7 @@ def each_sensor(chosen: Sequence[str]) -> dict[str | None, dict[str, SensorSpec]
 
 
 def check_parts(controllers: Iterable[str], predictors: Iterable[str], options: Mapping[str, Any]) -> None:
-    """Check before anything runs that parts of the user's own can be imported, and that each option is for one.
+    """Check that custom parts can be imported, and that each option applies to a part.
 
     Args:
         controllers: Shipped names, or ``module:Class``.
@@ -202,7 +202,7 @@ def check_parts(controllers: Iterable[str], predictors: Iterable[str], options: 
         options: Values by parameter, see `gazempc.part_options.options_for`.
 
     Raises:
-        SettingsError: If not.
+        SettingsError: If a check fails.
     """
     parts = [*((CONTROLLER, choice) for choice in controllers), *((PREDICTOR, choice) for choice in predictors)]
     for kind, choice in parts:
@@ -212,12 +212,12 @@ def check_parts(controllers: Iterable[str], predictors: Iterable[str], options: 
 
 
 def options_of(controller: str, predictor: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that are for one of two parts: no other option makes it another run.
+    """Options that apply to one of two parts: only these identify a run.
 
     Args:
         controller: A shipped name, or ``module:Class``.
         predictor: The same.
-        options: Options of all parts.
+        options: Values by ``kind.parameter``, of all parts.
 
     Returns:
         Values by ``kind.parameter``.
@@ -230,13 +230,13 @@ def options_of(controller: str, predictor: str, options: Mapping[str, Any]) -> d
 
 
 def name_parts(rows: Iterable[Row], part: str) -> None:
-    """Put the names that parts have into rows, in place of ``module:Class``.
+    """Replace ``module:Class`` in rows by the parts' own names.
 
-    Two parts of the same name keep ``module:Class``, to be distinct.
+    Two parts of the same name keep ``module:Class``.
 
     Args:
-        rows: Rows with a choice under `part` if it matters, and the part's name under ``<part>_name`` if the run is
-            done; the latter is taken out.
+        rows: Rows with the chosen part under `part`, if any, and its name under ``<part>_name`` if the run is complete;
+            the latter entry is removed.
         part: ``controller`` or ``predictor``.
     """
     rows = list(rows)
@@ -256,8 +256,8 @@ class Command(Generic[S]):
     Attributes:
         name: Python runs ``experiments.<name>``.
         model: The settings; a model with a field ``options`` takes ``--options.KEY VALUE``.
-        about: What it does, for ``--help``.
-        work: Executes it with the settings and the command line, and returns the exit status.
+        about: Description, for ``--help``.
+        work: Function of the settings and the command line, which returns the exit status.
     """
 
     name: str
@@ -272,14 +272,14 @@ class Command(Generic[S]):
             arguments: Command line without the program's name; default: the process's.
 
         Returns:
-            Exit status: 0; 1 if a limit was left; 4 if a job failed; else as of `run_interruptible`.
+            Exit status: 0; 1 after a limit violation; 4 after a failed job; otherwise from `run_interruptible`.
         """
         words = list(sys.argv[1:] if arguments is None else arguments)
         line = command.command_line(f"experiments.{self.name}", words)
         return command.run_interruptible(self.name, lambda: self.work(self.parse(words), line))
 
     def parse(self, words: list[str]) -> S:
-        """Settings from a command line.
+        """Parse a command line.
 
         Args:
             words: Command line without the program's name.
@@ -289,7 +289,7 @@ class Command(Generic[S]):
 
         Raises:
             SettingsError: If an option has no value.
-            SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
+            SystemExit: If the command line is invalid (status 2) or requests help (status 0).
         """
         own: dict[str, Any] = {}
         if "options" in self.model.model_fields:
@@ -300,19 +300,19 @@ class Command(Generic[S]):
 
 
 def check_optuna(what: str) -> None:
-    """Raise MissingOptionalDependencyError, which names what needs it, unless Optuna is installed."""
+    """Raise MissingOptionalDependencyError, with `what` needs Optuna, if it is not installed."""
     if find_spec("optuna") is None:
         raise MissingOptionalDependencyError(what, "optuna", "tune")
 
 
 def exit_status(left_limits: bool, failed: bool) -> int:
-    """Exit status of a command whose jobs are done.
+    """Exit status of a command after its jobs.
 
     Args:
-        left_limits: Whether a limit was left in any of them.
-        failed: Whether any of them failed.
+        left_limits: Whether any job violated a limit.
+        failed: Whether any job failed.
 
     Returns:
-        1 if a limit was left, else 4 if any failed, else 0.
+        1 after a limit violation, else 4 after a failure, else 0.
     """
     return command.VIOLATION if left_limits else command.INCOMPLETE if failed else 0

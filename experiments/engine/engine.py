@@ -1,4 +1,4 @@
-"""Do jobs in parallel, keep every result at once in a file of its own, and never do one twice."""
+"""Parallel execution of jobs with a persistent cache: each result is stored at once in its own file."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole
 from gazempc.signals import deferred, raise_if_received
 
-# Name of a result's plain part, JSON with the job's key; the other entries are its arrays.
+# Archive entry with the job's key and the plain values as JSON; the other entries are arrays.
 _PLAIN = "row"
 _REASON_SHOWN = 200
-# With more jobs the time that they take is estimated, from so many of them.
+# Number of jobs from which the duration is estimated, and size of the sample.
 _MANY, _SAMPLE = 1000, 20
 
 
 class Cache:
-    """A folder with results by their keys, each an ``.npz`` file; several commands may share it.
+    """Persistent results by key, each an ``.npz`` file in a folder that several commands may share.
 
     Args:
-        folder: The folder; made if it is not there.
+        folder: The folder; created if missing.
 
     Raises:
-        GazempcError: If the folder cannot be made.
+        GazempcError: If the folder cannot be created.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -45,17 +45,17 @@ class Cache:
             raise GazempcError(f"{folder}: cannot make this folder: {error.strerror}") from None
 
     def path(self, key: str) -> Path:
-        """Where the result of a job is kept."""
+        """File of a job's result."""
         return self.folder / f"{key}.npz"
 
     def find(self, key: str) -> Row | None:
-        """The result of a job, if it is kept.
+        """Look up the result of a job.
 
         Args:
             key: Key of the job.
 
         Returns:
-            The result; None if there is none, or if its file is damaged, which is reported on standard error.
+            The result; None if missing, or if its file is damaged, which is reported on standard error.
         """
         path = self.path(key)
         if not path.is_file():
@@ -68,14 +68,14 @@ class Cache:
             return None
 
     def keep(self, key: str, row: Row) -> Row:
-        """Keep a result.
+        """Store a result.
 
         Args:
             key: Key of the job.
             row: The result.
 
         Returns:
-            The result as `find` will give it.
+            The result as `find` returns it.
         """
         arrays = {name: value for name, value in row.items() if isinstance(value, np.ndarray)}
         plain = {name: value for name, value in row.items() if name not in arrays}
@@ -87,7 +87,7 @@ class Cache:
 
 
 def read_result(path: Path) -> Row:
-    """Read a file of a `Cache`; the archive has check sums.
+    """Read a file of a `Cache`; the archive has checksums.
 
     Args:
         path: The file.
@@ -96,7 +96,7 @@ def read_result(path: Path) -> Row:
         The result.
 
     Raises:
-        GazempcError: If the file is damaged, or is not that of the job by whose key it is named.
+        GazempcError: If the file is damaged, or its key differs from its name.
     """
     try:
         arrays = read_npz(path)
@@ -110,20 +110,20 @@ def read_result(path: Path) -> Row:
 
 
 class Engine:
-    """Executes jobs without a result, in a ``with`` block; workers end with the program, or 10 s after the block.
+    """Context manager that executes uncached jobs; workers end with the program, or 10 s after the block.
 
-    Each result is kept at once, so an interrupted command continues. Failed jobs are repeated at the next start.
+    Each result is stored at once, so an interrupted command can be resumed. Failed jobs are repeated at the next start.
 
     Args:
-        folder: Where the results are kept; several commands may share it.
+        folder: Folder of the results; several commands may share it.
         jobs: Worker processes on this machine.
-        dask: Address of the scheduler of a cluster that does the jobs instead; None for this machine.
-        unit: What the progress bar counts.
-        total: Number of jobs over all calls of `run`, as far as known before.
+        dask: Address of the scheduler of a cluster; None for this machine.
+        unit: Unit of the progress bar.
+        total: Expected number of jobs over all calls of `run`.
 
     Raises:
-        MissingOptionalDependencyError: With `dask`, without dask.distributed.
-        GazempcError: If no scheduler answers there, or the folder cannot be made.
+        MissingOptionalDependencyError: If `dask` is given and dask.distributed is not installed.
+        GazempcError: If the scheduler does not respond, or the folder cannot be created.
     """
 
     def __init__(self, folder: Path, jobs: int, dask: str | None = None, unit: str = "run", total: int = 0) -> None:
@@ -146,16 +146,16 @@ class Engine:
             error.add_note(f"{self._kept()} are kept in {self._cache.folder}")
 
     def run(self, jobs: Sequence[Job]) -> list[Row]:
-        """Get the results of jobs.
+        """Results of jobs, cached or computed.
 
         Args:
-            jobs: Which; equal ones are done once.
+            jobs: The jobs; equal ones are executed once.
 
         Returns:
             The results in the order of the jobs, each with ``failed`` and ``left_out``: the reason, or None.
 
         Raises:
-            GazempcError: If worker processes die, or the cluster fails; what was done is kept.
+            GazempcError: If worker processes die, or the cluster fails; finished results are kept.
             Interrupted: After a signal, see `gazempc.signals`.
         """
         with deferred():
@@ -186,9 +186,9 @@ class Engine:
         return failed
 
     def _estimate(self, missing: dict[str, Job], failed: dict[str, Row]) -> None:
-        """Do some of the jobs, from all parts of the list, and print how long the others will take."""
+        """Execute an evenly spaced sample of the jobs, and print the estimated duration of the others."""
         sample = list(missing)[:: len(missing) // _SAMPLE]
-        # The first jobs of a worker include its start.
+        # Untimed: the first jobs of a worker include its start-up.
         self._carry_out({key: missing[key] for key in sample[: _SAMPLE // 4]}, failed)
         timed, began_s = sample[_SAMPLE // 4 :], time.monotonic()
         self._carry_out({key: missing[key] for key in timed}, failed)
@@ -206,7 +206,7 @@ class Engine:
             kept = f"{self._kept()} are kept in {self._cache.folder}"
             raise GazempcError(f"{error}; {kept}: run the same command again to go on") from None
         except BaseException as error:
-            results.throw(error)  # ends the workers, and raises it again
+            results.throw(error)  # ends the workers and re-raises
             raise
 
     def _keep(self, key: str, row: Row, failed: dict[str, Row]) -> None:

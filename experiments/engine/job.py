@@ -1,6 +1,6 @@
-"""Jobs: their interface, the keys of their results, and their execution in worker processes.
+"""Jobs: interface, keys of results, and execution in worker processes.
 
-Workers are those of joblib: on this machine by its loky backend, on a cluster by its dask backend.
+Joblib provides the workers: its loky backend on this machine, its dask backend on a cluster.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from gazempc.signals import kept_from_children
 _LIBRARIES = ("casadi", "daqp", "numpy", "scipy", "filterpy", "ruckig", "control")
 _CODE = {".py", ".toml", ".npz"}
 
-# Result of a job by name: plain data of JSON, or numpy arrays; `failed` and `left_out` are a reason or None.
+# Result of a job: JSON values and NumPy arrays by name; `failed` and `left_out` are a reason or None.
 Row = dict[str, Any]
 
 
 class Job(Protocol):
-    """A job: frozen plain data that can be sent to another process or machine."""
+    """A job: an immutable, serialisable value object."""
 
     def key(self) -> str:
-        """Name of its result: a hash of all that the result depends on, see `key_of`."""
+        """Key of its result: a hash of all dependencies, see `key_of`."""
         ...
 
     def run(self) -> Row:
-        """Do it, in a worker.
+        """Execute the job, in a worker.
 
         Returns:
-            The result; an entry ``left_out`` gives the reason why there is none.
+            The result; an entry ``left_out`` has the reason for an empty one.
 
         Raises:
-            LeftOutError: If the experiment cannot be made with this recording.
-            GazempcError: If it cannot be done.
+            LeftOutError: If the recording is not applicable.
+            GazempcError: If the job fails.
         """
         ...
 
@@ -61,8 +61,8 @@ def carry_out(job: Job, key: str, program: str) -> Row:
 
     Args:
         job: The job.
-        key: Its key in the process that made it; another one here means another computation.
-        program: `program_hash` of that process.
+        key: Its key in the main process; a different one here means different inputs.
+        program: `program_hash` of the main process.
 
     Returns:
         The result of `job.run`, with ``left_out`` and ``failed``.
@@ -77,7 +77,7 @@ def carry_out(job: Job, key: str, program: str) -> Row:
         return {"left_out": str(error), "failed": None}
     except GazempcError as error:
         return _failed(str(error))
-    except (Exception, SystemExit) as error:  # a bug, a lack of memory or an exit in one job must not end the others
+    except (Exception, SystemExit) as error:  # isolates the other jobs from a bug, a lack of memory or an exit
         last = traceback.extract_tb(error.__traceback__)[-1]
         return _failed(f"{error_line(error)} ({Path(last.filename).name}, line {last.lineno})")
 
@@ -87,14 +87,14 @@ def _failed(reason: str) -> Row:
 
 
 def key_of(job: Job, **contents: Any) -> str:
-    """Key of a job: a hash of its fields and of the program.
+    """Key of a job: a hash of fields and program.
 
     Args:
         job: The job, a dataclass of plain data.
-        contents: Further dependencies, such as hashes of files; an entry with the name of a field replaces it.
+        contents: Further dependencies, such as hashes of files; an entry named like a field replaces it.
 
     Returns:
-        The key, fit for a file name.
+        The key, valid as a file name.
     """
     contents_of_job = [type(job).__qualname__, {**to_jsonable_python(job), **contents}, program_hash()]
     return hashlib.sha256(json.dumps(contents_of_job, sort_keys=True).encode()).hexdigest()[:20]
@@ -104,11 +104,11 @@ def key_of(job: Job, **contents: Any) -> str:
 def program_hash() -> str:
     """Hash of the program: the sources of `predictors`, `gazempc` and `experiments`, and the libraries' versions.
 
-    A process runs the program that it has started with, so the hash is made once.
+    Computed once: a process runs the program that was loaded at its start.
     """
     digest = hashlib.sha256()
     for package in ("predictors", "gazempc", "experiments"):
-        found = find_spec(package)  # not imported: not every job needs them
+        found = find_spec(package)  # not imported: not all jobs need them
         assert found is not None
         assert found.origin is not None
         root = Path(found.origin).parent
@@ -120,7 +120,7 @@ def program_hash() -> str:
 
 
 def file_hash(path: Path) -> str:
-    """Hash of a file's bytes; empty if there is no such file."""
+    """Hash of a file's bytes; empty if the file does not exist."""
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
@@ -131,8 +131,8 @@ def recording_hash(name_or_path: str) -> list[str]:
         name_or_path: Synthetic name, or path.
 
     Returns:
-        Its name, and hashes of its file or of all files of its folder, of the ``index.csv`` beside it, which gives
-        person and group, and of what is saved there of its columns; for a synthetic name there are none.
+        The name; except for a synthetic one, hashes of its file or of all files of its folder, of the ``index.csv``
+        beside it, which has person and group, and of the saved choice of columns.
     """
     path = Path(name_or_path)
     if not path.exists():
@@ -145,10 +145,10 @@ def models_hash(fitted: Path | None) -> str:
     """Hash of fitted models of the predictor `walker`.
 
     Args:
-        fitted: A model, or a folder with models in it; None for the model that ships.
+        fitted: A model file, or a folder of models; None for the shipped model.
 
     Returns:
-        The hash; the same wherever the folder is.
+        The hash, independent of the location.
     """
     if fitted is None:
         return ""
@@ -160,27 +160,27 @@ def models_hash(fitted: Path | None) -> str:
 
 @lru_cache(maxsize=64)
 def module_hash(module: str) -> str:
-    """Hash of the source of a module, or of all sources of a package, that this process has imported.
+    """Hash of the source of an imported module, or of all sources of a package.
 
-    It is made once: what is changed later is not what this process runs.
+    Computed once: this process does not run later changes.
     """
     loaded = sys.modules[module]
-    # A folder without `__init__.py` is a package, too, and has no file of its own.
+    # A namespace package, without `__init__.py`, has no file.
     folders = [Path(folder) for folder in getattr(loaded, "__path__", ())]
     files = sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(loaded.__file__ or "")]
     return hashlib.sha256(b"".join(path.read_bytes() for path in files if path.is_file())).hexdigest()
 
 
 def parts_hash(controller: str, predictor: str) -> list[str]:
-    """Hashes of the user's own parts of a run.
+    """Hashes of the custom parts of a run.
 
     Args:
         controller: A shipped name, or ``module:Class``.
         predictor: The same.
 
     Returns:
-        A hash for each that is the user's own: of its module, or of its whole package, any module of which may do the
-        work. Modules imported from elsewhere are not seen.
+        One hash a custom part: of its module, or of its whole package. Modules imported from other places are not
+        included.
 
     Raises:
         SettingsError: If one cannot be imported.
@@ -193,17 +193,17 @@ def parts_hash(controller: str, predictor: str) -> list[str]:
     return found
 
 
-# Key and row of a job that has ended; to throw an exception into it ends the workers, and raises the exception.
+# Keys and rows of completed jobs; an exception thrown into the generator ends the workers and propagates.
 Results = Generator[tuple[str, Row], None, None]
-# An orphan ends within 2 s.
-_LOOK_FOR_PARENT_S = 0.5
-# A worker without a job ends after this time. One that starts needs a second.
+# Polling period of the parent process by a worker; an orphan ends within 2 s.
+_PARENT_POLL_S = 0.5
+# Idle time after which a worker ends; its start takes a second.
 _IDLE_S = 10
 _CONNECT_WITHIN_S, _LEAVE_WITHIN_S = 10, 1
-# Controllers and solvers are not made for threads, of which a worker of a cluster may have several.
-_ONE_AT_A_TIME = threading.Lock()
-# One numerical thread a process: the matrices are small, and the processes are the parallelism. Trackers do not warn of
-# what killed workers leave: they clean it up.
+# Controllers and solvers are not thread-safe, and a cluster worker may have several threads.
+_JOB_LOCK = threading.Lock()
+# One numerical thread a process: small matrices, parallelism by processes. Resource trackers clean up after killed
+# workers without a warning.
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
@@ -214,21 +214,21 @@ _ENVIRONMENT = {
 
 
 def on_this_machine(jobs: Mapping[str, Job], count: int) -> Results:
-    """Do jobs in processes with a fresh interpreter each, which end with this process, however it ends.
+    """Execute jobs in spawned processes, which end with this process in any case.
 
     Args:
         jobs: Job by key.
-        count: Worker processes that are busy at once.
+        count: Number of busy worker processes.
 
     Yields:
-        Key and result, in the order in which jobs end.
+        Key and result, in order of completion.
 
     Raises:
         GazempcError: If a worker process dies.
     """
     import joblib  # noqa: PLC0415  (workers import this module, and have no use for it)
 
-    # With one process, joblib would work in this one, which a job could end. So there are two, of which one works.
+    # With one process, joblib would run jobs in this one, which a job could end: two processes, of which one is busy.
     ahead = "2 * n_jobs" if count > 1 else 1
     parallel = joblib.Parallel(
         max(count, 2),
@@ -243,7 +243,7 @@ def on_this_machine(jobs: Mapping[str, Job], count: int) -> Results:
     )
     try:
         with _environment():
-            # Before signals are blocked: the start of a tracker would lift the block.
+            # Before signals are blocked: the start of a resource tracker would unblock them.
             multiprocessing.resource_tracker.ensure_running()
             with kept_from_children():
                 results = parallel(joblib.delayed(_work)(key, job, program_hash()) for key, job in jobs.items())
@@ -253,16 +253,16 @@ def on_this_machine(jobs: Mapping[str, Job], count: int) -> Results:
 
 
 class Cluster:
-    """Workers of a dask.distributed cluster, which have this package and see the recordings under the same paths.
+    """Workers of a dask.distributed cluster with this package installed and the recordings under the same paths.
 
-    Another worker does the job of one that died; the scheduler gives up a job that ends several.
+    The job of a dead worker is reassigned; the scheduler abandons a job that has ended several workers.
 
     Args:
-        address: Of the scheduler, such as ``tcp://10.0.0.1:8786``.
+        address: Address of the scheduler, such as ``tcp://10.0.0.1:8786``.
 
     Raises:
-        MissingOptionalDependencyError: Without dask.distributed.
-        GazempcError: If no scheduler answers there.
+        MissingOptionalDependencyError: If dask.distributed is not installed.
+        GazempcError: If the scheduler does not respond.
     """
 
     def __init__(self, address: str) -> None:
@@ -277,7 +277,7 @@ class Cluster:
             raise GazempcError(f"--dask {address}: no scheduler answers there: {error}") from None
 
     def __call__(self, jobs: Mapping[str, Job]) -> Results:
-        """Do jobs, see `on_this_machine`.
+        """Execute jobs, see `on_this_machine`.
 
         Raises:
             GazempcError: If the cluster fails.
@@ -285,29 +285,29 @@ class Cluster:
         import joblib  # noqa: PLC0415
 
         try:
-            # With one core, joblib would work in this process.
+            # With one core, joblib would run jobs in this process.
             if sum(self._client.ncores().values()) == 1:
                 raise ValueError("a cluster of one core; accepted: two or more")
             with joblib.parallel_config(backend="dask", client=self._client):
                 parallel = joblib.Parallel(return_as="generator_unordered", pre_dispatch="all", batch_size=1)
                 results = parallel(joblib.delayed(_work)(key, job, program_hash()) for key, job in jobs.items())
             yield from results
-        except Exception as error:  # of the cluster: jobs themselves do not raise
+        except Exception as error:  # from the cluster: `carry_out` does not raise
             raise GazempcError(f"--dask {self._address}: {type(error).__name__}: {error}") from None
 
     def close(self) -> None:
-        """Leave; a job that a worker has begun ends there, unheard."""
+        """Disconnect; results of running jobs are discarded."""
         self._client.close(timeout=_LEAVE_WITHIN_S)
 
 
 def _work(key: str, job: Job, program: str) -> tuple[str, Row]:
-    with _ONE_AT_A_TIME:
+    with _JOB_LOCK:
         return key, carry_out(job, key, program)
 
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """Environment of the processes that are started in here."""
+    """Set the environment variables of child processes."""
     before = {name: os.environ.get(name) for name in _ENVIRONMENT}
     warn = ",".join(filter(None, (before["PYTHONWARNINGS"], _ENVIRONMENT["PYTHONWARNINGS"])))
     os.environ.update(_ENVIRONMENT | {"PYTHONWARNINGS": warn})
@@ -321,11 +321,11 @@ def _environment() -> Iterator[None]:
 
 
 def _end_with_parent(parent: int) -> None:
-    """End this worker soon after its parent, which may have been killed."""
+    """End this worker after the death of its parent."""
 
     def look() -> None:
         while os.getppid() == parent:
-            time.sleep(_LOOK_FOR_PARENT_S)
+            time.sleep(_PARENT_POLL_S)
         os._exit(1)
 
     threading.Thread(target=look, name="parent watch", daemon=True).start()

@@ -21,7 +21,7 @@ from gazempc.sim.sensor import SensorSpec, default_sensor
 
 @dataclass(frozen=True)
 class ReplayJob:
-    """The dependencies of a replay.
+    """Inputs of a replay.
 
     Attributes:
         recording: Synthetic name or path.
@@ -29,8 +29,7 @@ class ReplayJob:
         settings: The predictor, parameters of predictor, controller and loop, the robot's place and the seed.
         neck: Model of the neck for controller and smoother.
         robot_neck: The simulated neck.
-        sensors: Sensor by the name of the file it is made from: the one that was chosen, or each that a recording may
-            call for.
+        sensors: Sensor by file name: the chosen one, or all defaults.
     """
 
     recording: str
@@ -52,11 +51,11 @@ class ReplayJob:
         )
 
     def run(self) -> Row:
-        """Replay and measure.
+        """Replay and compute the metrics.
 
         Returns:
-            Labels of the recording, names of the parts, then `metrics_of`; ``faults``, if exceptions were survived;
-            without a run that can be scored, labels and ``left_out``.
+            Labels of the recording, names of the parts, `metrics_of`, and ``faults`` after caught exceptions; only
+            labels and ``left_out`` if the run cannot be scored.
         """
         recording = load_once(self.recording, self.settings.reading)
         sensor = self.sensors[self.settings.sensor or default_sensor(recording)]
@@ -85,7 +84,7 @@ def metrics_of(done: Replayed) -> Row:
         done: Log and computing times.
 
     Returns:
-        ``simulated_s``, then every metric by name; NaN is None.
+        ``simulated_s``, then all metrics by name; None for NaN.
     """
     log = done.log
     metrics = vars(measure(log)) | vars(measure_compute(done.times, log.neck.control_period_s))
@@ -96,11 +95,11 @@ def all_faults(rows: Iterable[Row]) -> list[Row]:
     """Caught exceptions of runs.
 
     Args:
-        rows: Runs, with ``controller`` and ``predictor`` where these differ.
+        rows: Runs, with ``controller`` and ``predictor`` if these vary.
 
     Returns:
-        Each event of a controller with a predictor once: these, ``event``, in how many ``runs``, the ``count`` in all
-        of them, and the first ``error`` with its ``traceback``.
+        One entry a controller, predictor and ``event``: number of ``runs``, total ``count``, and the first ``error``
+        with its ``traceback``.
     """
     merged: dict[tuple[str, ...], Row] = {}
     for row in rows:
@@ -113,7 +112,7 @@ def all_faults(rows: Iterable[Row]) -> list[Row]:
 
 
 def load_once(recording: str, reading: ReadOptions | None = None) -> Recording:
-    """A recording, read once for the jobs that follow each other in a worker, unless its file changes."""
+    """Load a recording, cached for successive jobs of a worker until its file changes."""
     return _load_once(recording, reading, tuple(recording_hash(recording)))
 
 

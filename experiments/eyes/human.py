@@ -33,25 +33,25 @@ Direction = Literal["sideways", "up", "down"]
 
 _DISTANCE_M = 2.5
 _DURATION_S = 4.0
-# A joint has begun to move at this share of its peak velocity.
+# Onset of a movement: share of the peak velocity.
 _ONSET_SHARE = 0.05
-# The gaze is there within this; the eye contact of a person allows 2.6 deg.
+# Tolerance of the arrival of the gaze; eye contact of people allows 2.6 deg.
 _THERE_RAD = math.radians(1.0)
-# Without errors: what is looked at is the motion.
+# Without errors, to isolate the motion.
 _SENSOR = gz.SensorSpec(name="exact", source="no errors", rate_hz=30.0, latency_s=0.066)
 
 
 @dataclass(frozen=True)
 class Shift:
-    """One shift, from straight ahead with head and eyes at rest.
+    """One gaze shift, from straight ahead with head and eyes at rest.
 
     Attributes:
-        direction: Where to.
-        amplitude_deg: How far the gaze goes.
-        times_s: Times since the person is known, shape (T,).
+        direction: Direction of the shift.
+        amplitude_deg: Amplitude of the gaze.
+        times_s: Times since the first observation of the person, shape (T,).
         head_deg: Angle of the head in the direction of the shift, shape (T,).
         eye_deg: Angle of the eyes in the head, shape (T,).
-        there_s: When the gaze is on the person.
+        there_s: Time of arrival of the gaze.
     """
 
     direction: Direction
@@ -63,12 +63,12 @@ class Shift:
 
     @property
     def head_share(self) -> float:
-        """Share of the shift that the head makes in the end."""
+        """Final contribution of the head to the shift."""
         return float(self.head_deg[-1]) / self.amplitude_deg
 
     @property
     def lead_s(self) -> float:
-        """Time by which the eyes begin before the head."""
+        """Onset of the head minus onset of the eyes."""
         return self._onset_s(self.head_deg) - self._onset_s(self.eye_deg)
 
     @property
@@ -95,8 +95,8 @@ def make_shift(neck: gz.NeckSpec, controller: str, direction: Direction, amplitu
     Args:
         neck: A neck with eyes and without a body.
         controller: Name of a controller.
-        direction: Where to.
-        amplitude_deg: How far.
+        direction: Direction of the shift.
+        amplitude_deg: Amplitude.
 
     Returns:
         The shift.
@@ -132,8 +132,8 @@ def draw(shifts: Sequence[Shift], scale: float, title: str, path: Path) -> None:
 
     Args:
         shifts: Shifts of the neck.
-        scale: Share of a person's head velocity that the motors bear.
-        title: Above the picture.
+        scale: Share of a person's head velocity that the motors reach.
+        title: Title of the figure.
         path: PNG file to write.
     """
     with readable(_WIDTH_INCHES):
@@ -179,12 +179,12 @@ _AMPLITUDES_DEG: dict[Direction, tuple[float, ...]] = {
     "up": (10.0, 20.0, 30.0),
     "down": (10.0, 20.0, 30.0),
 }
-# Published for sideways shifts: the eyes begin so long before the head, at these amplitudes.
+# Published lead of the eyes over the head, at two amplitudes of sideways shifts.
 _LEAD_AT_DEG, _LEAD_S = (10.0, 40.0), (0.140, 0.050)
-# People themselves differ by more than this; of a peak velocity it is a share.
+# Variation among people, which is larger than this: absolute, and relative for peak velocities.
 _SPREAD_SHARE, _SPREAD_S, _SPREAD_OF_PEAK = 0.03, 0.02, 0.1
 _COLUMNS = ("head's share [%]", "eyes ahead [ms]", "head's peak [deg/s]", "eyes' peak [deg/s]")
-# A head that hardly moves has no main sequence.
+# Least head amplitude for a main sequence.
 _LEAST_HEAD_DEG = 3.0
 
 
@@ -197,12 +197,12 @@ class HumanSettings(Settings):
 
 
 class BesidePeople(NamedTuple):
-    """A figure of a shift beside the published one.
+    """A measured quantity of a shift and the published value.
 
     Attributes:
-        ours: Of the neck.
-        people: Published, scaled to the motors where that is meant.
-        spread: A smaller difference is one that people have among themselves.
+        ours: Measured on the neck.
+        people: Published value; of a head velocity, scaled to the motors.
+        spread: Variation among people; a smaller difference is not significant.
     """
 
     ours: float
@@ -211,14 +211,14 @@ class BesidePeople(NamedTuple):
 
 
 def compared(shift: Shift, scale: float) -> dict[str, BesidePeople]:
-    """The figures of a shift beside the published ones.
+    """Quantities of a shift with published values.
 
     Args:
         shift: The shift.
-        scale: Share of a person's head velocity that the motors bear.
+        scale: Share of a person's head velocity that the motors reach.
 
     Returns:
-        Those figures for which something is published, by `_COLUMNS`.
+        Quantities by `_COLUMNS`, those with a published value.
     """
     share, lead, head_peak, eye_peak = _COLUMNS
     found = {share: BesidePeople(100 * shift.head_share, 100 * _SHARES[shift.direction], 100 * _SPREAD_SHARE)}
@@ -234,14 +234,14 @@ def compared(shift: Shift, scale: float) -> dict[str, BesidePeople]:
 
 
 def make_shifts(neck: gz.NeckSpec, controller: str) -> list[Shift]:
-    """All shifts of the comparison, as far as the neck can look.
+    """All shifts of the comparison within the range of the neck.
 
     Args:
         neck: The neck, with its limits and shares.
         controller: Name of a controller.
 
     Returns:
-        Sideways, up and down, each from small to large.
+        Sideways, up and down, each in order of amplitude.
     """
     low, high = neck.position_min_rad, neck.position_max_rad
     reach_rad = {"sideways": high[0] + high[2], "up": high[1] + high[3], "down": -(low[1] + low[3])}
@@ -254,14 +254,14 @@ def make_shifts(neck: gz.NeckSpec, controller: str) -> list[Shift]:
 
 
 def table(shifts: Sequence[Shift], scale: float) -> str:
-    """All shifts, a line each.
+    """Table of all shifts, one a line.
 
     Args:
         shifts: The shifts.
-        scale: As of `compared`.
+        scale: See `compared`.
 
     Returns:
-        A table in Markdown, and what it means.
+        A table in Markdown, with its explanation.
     """
     rows = []
     for shift in shifts:

@@ -120,10 +120,10 @@ def _networks(
     folder = settings.out / "runs"
     with Engine(folder, settings.jobs, settings.dask, unit="job", total=3 * (len(paths) + len(left_out))) as engine:
         examples = [ExamplesJob(in_place(path), settings.seed, settings.variants, tracker) for path in paths]
-        # Fewer are enough: they differ in the walk alone.
+        # Half as many suffice: precise trackers vary little, so these variants differ in the walk alone.
         precise = [replace(job, variants=max(job.variants // 2, 1), precise=True) for job in examples]
         _check(engine.run([*examples, *precise]))
-        # Other chance than in the examples that networks are fitted on.
+        # A seed independent of the training examples.
         scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0, tracker) for path in paths]
         scored = [examples_of(row) for row in _check(engine.run(scoring))]
         cache = Cache(folder.resolve())

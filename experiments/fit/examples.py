@@ -1,4 +1,4 @@
-"""Questions and answers to fit the predictor `walker` on: what it reads at a frame, and how the walk went on."""
+"""Training and test examples of the predictor `walker`: its inputs at a frame, and the true path after it."""
 
 from __future__ import annotations
 
@@ -22,41 +22,41 @@ from predictors.walker.features import N_INPUTS
 from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, Ensemble, WalkerModel
 from predictors.walker.predictor import Walker
 
-# Of three variants two are of the walk as it was recorded, one at another pace and gait: with fewer of the first,
-# forecasts of recorded walks lose a tenth; with fewer of the others, those of other people do.
+# Two of three variants keep recorded pace and gait. With fewer of these, errors on recorded walks grow by a tenth; with
+# more, errors on other people do.
 _PLAIN = (True, True, False)
 _PACES = dict(zip(KINDS, (0.15, 0.28, 0.27, 0.15, 0.15), strict=True))
 _LONG_S = 8.0
-# Gait of others differs in size, and many trackers do not see the height.
+# Shares of the examples with scaled gait, and at constant height: many trackers are planar.
 _SWAY_SHARE, _SWAY_FACTOR, _FLAT_SHARE = 0.5, (0.6, 2.0), 0.5
 _BENT_SHARE = 0.6
 _WOBBLE_SHARE = 0.5
-# Bent walks outnumber the others: with less weight, turns of people left out are forecast worse, and straight walks no
-# better. Turns that were recorded are of few people; with more weight, straight walks of others get worse.
-_BENT_WEIGHT, _TURNING_WEIGHT = 2.0, 0.5
-# Errors of people who stand are small, in millimetres, but a robot sees them all day.
+# Weights of synthetic and of recorded turns. A lower weight of the first increases errors in turns of people left out,
+# without a benefit on straight walks; a higher weight of the second, of few people, increases errors on straight walks.
+_SYNTHETIC_TURN_WEIGHT, _RECORDED_TURN_WEIGHT = 2.0, 0.5
+# Errors on standing people are small, in millimetres, but standing is frequent.
 _RECORDED_STANDING_WEIGHT = 1.0
-# A fast tracker's frames say the same several times.
+# The weight is inversely proportional to a higher frame rate: successive frames are redundant.
 _USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
 _SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
-# Only its inputs are used here, so that a model can be fitted where there is none yet.
-_NOTHING = Ensemble(*((np.zeros((1, rows, N_OUTPUTS), dtype=np.float32),) for rows in (N_INPUTS, 1)))
-_BLANK = WalkerModel(_NOTHING, _NOTHING, _NOTHING, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
+# Placeholder networks: only the inputs of `Walker` are used here, so a fit needs no earlier model.
+_ZERO_NETWORKS = Ensemble(*((np.zeros((1, rows, N_OUTPUTS), dtype=np.float32),) for rows in (N_INPUTS, 1)))
+_BLANK = WalkerModel(_ZERO_NETWORKS, _ZERO_NETWORKS, _ZERO_NETWORKS, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
 
 
 @dataclass(frozen=True)
 class Examples:
-    """Examples of one recording or many, in rows.
+    """Examples of one or several recordings, one a row.
 
     Attributes:
-        network: Inputs of the network, shape (N, N_INPUTS). In half precision, as they take most of the memory.
-        spread: Inputs of the stated uncertainty, shape (N, N_SPREAD).
-        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros where none is stated.
-        departure_m: How the walk left its line, shape (N, knots, 3), along, across, up; NaN after its end.
-        weight: How much each counts, shape (N,).
-        line_m_s: Velocity of the line, shape (N, 3).
-        places_m: Places to stay at, shape (N, N_PLACES, 3).
+        network: Inputs of the networks, shape (N, N_INPUTS); half precision, as they dominate the memory.
+        spread: Inputs of the uncertainty model, shape (N, N_SPREAD).
+        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros if none is stated.
+        departure_m: True departure from the line, shape (N, knots, 3), metres along, across, up; NaN past the end.
+        weight: Weight of each example, shape (N,).
+        line_m_s: Velocity of the line along, across and up, shape (N, 3).
+        places_m: Candidate places of staying, shape (N, N_PLACES, 3), metres.
         precise: Weight of the networks for precise trackers, shape (N,).
     """
 
@@ -74,7 +74,7 @@ T = TypeVar("T")
 
 
 def join(parts: Sequence[T]) -> T:
-    """Arrays of many recordings in one table."""
+    """Concatenate the arrays of several recordings."""
     names = [field.name for field in fields(parts[0])]  # type: ignore[arg-type]
     return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
@@ -87,12 +87,12 @@ def _joined(parts: list[Examples], name: str) -> Examples:
 
 
 def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], weight: float) -> Examples:
-    """What `Walker` reads at each frame of a walk, and how the walk went on.
+    """Inputs of `Walker` at each frame of a walk, and the true departure from the line.
 
     Args:
         walk: The true walk.
-        observations: What is seen of it.
-        weight: Weight of each example; frames of a running person count less.
+        observations: Observations of the walk, in order of capture.
+        weight: Weight of an example; reduced at running speeds.
 
     Returns:
         The examples.
@@ -120,14 +120,14 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
 def fitting_examples(
     path: str, seed: int, variants: int, tracker: SensorSpec | None = None, precise: bool = False
 ) -> Examples:
-    """Examples of a recording and its variants, each seen through a tracker.
+    """Examples of random variants of a recording, each observed by a tracker.
 
     Args:
         path: Name or path of the recording.
-        seed: Seed of all that is random, with the recording's name.
-        variants: How many variants to make.
-        tracker: The tracker; without it, each variant has one drawn at random.
-        precise: Whether those are trackers with little error.
+        seed: Seed of the random generator, together with the recording's name.
+        variants: Number of variants.
+        tracker: The tracker; None to draw one at random for each variant.
+        precise: Whether to draw from precise trackers.
 
     Returns:
         The examples.
@@ -135,7 +135,7 @@ def fitting_examples(
     Raises:
         GazempcError: If the recording cannot be read, is too short, or no person walks in it.
     """
-    name, walk, rng, stands = _walk_and_chance(path, seed)
+    name, walk, rng, stands = _walk_and_rng(path, seed)
     plain = [_PLAIN[k % len(_PLAIN)] for k in range(variants)]
     return _joined(_variants(walk, rng, plain, tracker, stands, precise), name)
 
@@ -164,7 +164,7 @@ def _variants(
             if rng.random() < _WOBBLE_SHARE:
                 varied = wobble(varied, rng)
         varied = beside(varied, rng)
-        weight = _BENT_WEIGHT if bent else 1.0 if straight else _TURNING_WEIGHT
+        weight = _SYNTHETIC_TURN_WEIGHT if bent else 1.0 if straight else _RECORDED_TURN_WEIGHT
         weight = _RECORDED_STANDING_WEIGHT if stands else weight
         weight *= min(1.0, _USUAL_HZ / sensor.rate_hz)
         parts.append(examples_of_walk(varied, seen_through(varied, tracker, sensor, rng), weight))
@@ -172,7 +172,7 @@ def _variants(
 
 
 def _variant(walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Generator) -> tuple[GaplessWalk, bool]:
-    """A variant, and whether it is bent."""
+    """A random variant, and whether it has synthetic turns."""
     kind = "own" if plain else str(rng.choice(list(_PACES), p=list(_PACES.values())))
     bent = bool(straight and kind != "stand" and rng.random() < _BENT_SHARE)
     if kind != "own":
@@ -188,7 +188,7 @@ def _variant(walk: GaplessWalk, straight: bool, plain: bool, rng: np.random.Gene
 
 
 def scoring_sensors() -> tuple[SensorSpec, ...]:
-    """Trackers through which people left out are seen, to measure how far forecasts of them err."""
+    """Trackers for the forecast errors on people left out."""
     reference, camera = load_sensor("reference"), load_sensor("face_camera")
     hidden = YawError(reported=False)
     blind = reference.model_copy(update={"name": "positions", "head_yaw": hidden, "pelvis_yaw": hidden})
@@ -198,12 +198,12 @@ def scoring_sensors() -> tuple[SensorSpec, ...]:
 
 
 def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) -> Examples:
-    """Examples of a recording as it is, through each of `scoring_sensors`, and of other walks made of it.
+    """Test examples: the unmodified recording with each of `scoring_sensors`, and random variants.
 
     Args:
         path: Name or path of the recording.
-        seed: Seed of the trackers' errors.
-        tracker: The only tracker; without it, there are `scoring_sensors`, and trackers drawn at random.
+        seed: Seed of the random generator, together with the recording's name.
+        tracker: The only tracker; None for `scoring_sensors`, and random trackers of the variants.
 
     Returns:
         The examples.
@@ -211,8 +211,8 @@ def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) ->
     Raises:
         GazempcError: If the recording cannot be read, is too short, or no person walks in it.
     """
-    name, walk, rng, stands = _walk_and_chance(path, seed)
-    # Errors in real turns are larger than in bent walks, and real turns are rare in recordings.
+    name, walk, rng, stands = _walk_and_rng(path, seed)
+    # Errors in recorded turns are larger than in synthetic ones, and recorded turns are rare.
     weight = 1.0 if is_straight(walk) else _SCORED_TURNING_WEIGHT
     parts = []
     for sensor in (tracker,) if tracker else scoring_sensors():
@@ -222,15 +222,15 @@ def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) ->
     return _joined(parts, name)
 
 
-def _walk_and_chance(path: str, seed: int) -> tuple[str, GaplessWalk, np.random.Generator, bool]:
-    """Name and walk of a recording, and chance that is its own, so that no recording changes another's examples."""
+def _walk_and_rng(path: str, seed: int) -> tuple[str, GaplessWalk, np.random.Generator, bool]:
+    """Name and walk, a random generator independent of other recordings, and whether the person stands."""
     recording = load(path)
-    chance = np.random.default_rng([seed, *recording.name.encode()])
-    return recording.name, walk_of(recording), chance, recording.labels.activity == "standing"
+    rng = np.random.default_rng([seed, *recording.name.encode()])
+    return recording.name, walk_of(recording), rng, recording.labels.activity == "standing"
 
 
 def is_straight(walk: GaplessWalk) -> bool:
-    """Whether a walk keeps its direction within 20 degrees, as far as strides of it tell."""
+    """Whether the direction, over displacements of a stride, varies by less than 20 degrees."""
     stride = min(30, walk.times_s.size - 1)
     across = walk.head_m[stride:, :2] - walk.head_m[:-stride, :2]
     direction = np.unwrap(np.arctan2(across[:, 1], across[:, 0]))

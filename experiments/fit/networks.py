@@ -26,13 +26,13 @@ HIDDEN = (96, 64)
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
 # Initial logits: walking is certain, and the place of staying is the newest position.
 _BEGINS_WALKING, _BEGINS_NEWEST = 2.0, 1.0
-# Errors at the first knot and at the last are of less use than those a neck acts on, 0.1 to 1 s ahead.
+# Lower weights at the ends: necks use the forecast 0.1 to 1 s ahead.
 _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])
 _USUAL_ERROR_M = np.array([0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.18, 0.3])
 
 
 def observed_m2(network: NDArray[np.floating[Any]]) -> Float32Array:
-    """Covariance of the observed position, as the inputs of networks tell it.
+    """Covariance of the observed position, recovered from the inputs of the networks.
 
     Args:
         network: Inputs, shape (N, N_INPUTS).
@@ -46,18 +46,18 @@ def observed_m2(network: NDArray[np.floating[Any]]) -> Float32Array:
 
 
 def seen_distance2(off_m: Any, noise_m2: Any, usual_m2: Any) -> Any:
-    """Squared size of errors, of which those count less that the tracker cannot see.
+    """Squared norm of forecast errors that discounts directions of large measurement noise.
 
-    That is e' (1 + N / u)^-1 e for an error e, a covariance N of the observation, and a usual squared error u. A camera
-    measures the direction to a head and hardly its range; so a forecast is fitted to be right in the direction.
+    Computes e' (I + N / u)^-1 e with error e, covariance N of the observation and typical squared error u. A camera
+    measures bearing precisely and range poorly, so the loss weights the error in bearing.
 
     Args:
         off_m: Errors along, across and up, shape (N, K, 3), metres.
         noise_m2: As returned by `observed_m2`, shape (N, 4).
-        usual_m2: Usual squared error at each knot, shape (K,).
+        usual_m2: Typical squared error at each knot, shape (K,).
 
     Returns:
-        Shape (N, K), square metres. Arrays may be those of numpy or jax.
+        Shape (N, K), square metres. Accepts arrays of NumPy and JAX.
     """
     along, across, up = off_m[..., 0], off_m[..., 1], off_m[..., 2]
     share = noise_m2[:, None, :] / usual_m2[:, None]
@@ -69,16 +69,16 @@ def seen_distance2(off_m: Any, noise_m2: Any, usual_m2: Any) -> Any:
 def fit_networks(
     examples: Examples, seed: int, networks: int, steps: int, sees_yaws: bool = True
 ) -> tuple[tuple[Float32Array, ...], tuple[Float32Array, ...]]:
-    """Fit an ensemble for the least mean distance between forecast and truth, see `seen_distance2`.
+    """Fit an ensemble that minimises the mean norm of the forecast error, see `seen_distance2`.
 
-    Two hidden layers of tanh, AdamW with a cosine schedule.
+    Two hidden tanh layers; AdamW with a cosine learning-rate schedule.
 
     Args:
-        examples: What to fit on.
-        seed: Seed of starting weights and batches.
-        networks: How many networks.
-        steps: Steps of gradient descent for each.
-        sees_yaws: Whether they are shown pelvis and head orientation. Of those that are not, these weights are zero.
+        examples: Training examples.
+        seed: Seed of initial weights and batches.
+        networks: Number of networks.
+        steps: Gradient steps for each.
+        sees_yaws: Whether pelvis and head orientation are inputs; otherwise their weights are zero.
 
     Returns:
         Weights and biases by layer, see `predictors.walker.network.WalkerModel`.
@@ -91,10 +91,10 @@ def fit_networks(
         import jax.numpy as jnp  # noqa: PLC0415
         import optax  # noqa: PLC0415
 
-    shown = np.arange(N_INPUTS) if sees_yaws else np.setdiff1d(np.arange(N_INPUTS), OF_YAWS)
-    # Given as an argument: numbers that a compiled function closes over are copied, and there are gigabytes of them.
+    columns = np.arange(N_INPUTS) if sees_yaws else np.setdiff1d(np.arange(N_INPUTS), OF_YAWS)
+    # An argument: constants that a compiled function closes over would be copied, here gigabytes.
     table = (
-        jnp.asarray(examples.network[:, shown]),
+        jnp.asarray(examples.network[:, columns]),
         jnp.asarray(np.nan_to_num(examples.departure_m)),
         jnp.asarray(np.isfinite(examples.departure_m[..., 0])),
         jnp.asarray(examples.weight),
@@ -105,7 +105,7 @@ def fit_networks(
     n, usual_m2 = len(examples.weight), jnp.asarray(_USUAL_ERROR_M**2, dtype=jnp.float32)
     scale = jnp.asarray(walker.DEPARTURE_SCALE_M, dtype=jnp.float32)[:, None]
     knot_weights = jnp.asarray(_KNOT_WEIGHTS / _USUAL_ERROR_M, dtype=jnp.float32)
-    sizes = (shown.size, *HIDDEN, walker.N_OUTPUTS)
+    sizes = (columns.size, *HIDDEN, walker.N_OUTPUTS)
     optimiser = optax.adamw(optax.cosine_decay_schedule(_LEARNING_RATE, steps), weight_decay=_WEIGHT_DECAY)
 
     def output(layers: Any, h: Any, motion: walker.RegimeMotion) -> Any:
@@ -120,7 +120,7 @@ def fit_networks(
     def loss(layers: Any, batch: Any) -> Any:
         x, y, known, weight, noise_m2, line_m_s, places_m = batch
         off = output(layers, x.astype(jnp.float32), walker.RegimeMotion(line_m_s, places_m)) - y
-        # The constant keeps the gradient of the distance finite at zero.
+        # The constant keeps the gradient of the square root finite at zero.
         distance = jnp.sqrt(seen_distance2(off, noise_m2, usual_m2) + 1e-5)
         return jnp.mean(jnp.where(known, distance, 0.0) * weight[:, None] * knot_weights)
 
@@ -135,8 +135,8 @@ def fit_networks(
 
         return jax.lax.scan(step, (layers, optimiser.init(layers)), jax.random.split(key, steps))[0][0]
 
-    begins = np.zeros(walker.N_OUTPUTS)
-    begins[walker.WALKS], begins[walker.PLACES.start] = _BEGINS_WALKING, _BEGINS_NEWEST
+    initial_logits = np.zeros(walker.N_OUTPUTS)
+    initial_logits[walker.WALKS], initial_logits[walker.PLACES.start] = _BEGINS_WALKING, _BEGINS_NEWEST
     fitted = []
     for k in range(networks):
         rng = np.random.default_rng([seed, k])
@@ -144,11 +144,11 @@ def fit_networks(
         for i, (a, b) in enumerate(pairwise(sizes)):
             is_last = i == len(HIDDEN)
             weights = rng.standard_normal((a, b)) * (0.1 if is_last else 1.0) / np.sqrt(a)
-            biases = begins if is_last else np.zeros(b)
+            biases = initial_logits if is_last else np.zeros(b)
             layers.append(tuple(jnp.asarray(each, dtype=jnp.float32) for each in (weights, biases)))
         found = [(np.asarray(W), np.asarray(b)) for W, b in fit(layers, table, jax.random.key(1000 * seed + k))]
         first = np.zeros((N_INPUTS, HIDDEN[0]), dtype=np.float32)
-        first[shown] = found[0][0]
+        first[columns] = found[0][0]
         fitted.append([(first, found[0][1]), *found[1:]])
     by_layer = [tuple(map(np.stack, zip(*layer, strict=True))) for layer in zip(*fitted, strict=True)]
     return tuple(weights for weights, _ in by_layer), tuple(biases[:, None] for _, biases in by_layer)
@@ -166,10 +166,10 @@ class ExamplesJob:
 
     Attributes:
         recording: Synthetic name or path.
-        seed: Seed of all that is random.
-        variants: How many variants to fit networks on; 0 for the examples that errors are measured on.
-        tracker: The tracker that all walks are seen through; None for many.
-        precise: Whether those have little error.
+        seed: Seed of the random generator.
+        variants: Number of variants for a fit; 0 for test examples.
+        tracker: The only tracker; None for trackers drawn at random.
+        precise: Whether to draw from precise trackers.
     """
 
     recording: str
@@ -191,14 +191,14 @@ class ExamplesJob:
 
 @dataclass(frozen=True)
 class NetworksJob:
-    """Networks fitted on the examples of some recordings, see `experiments.fit.networks.fit_networks`.
+    """Networks fitted to the examples of some recordings, see `experiments.fit.networks.fit_networks`.
 
     Attributes:
-        examples: Files of the results of `ExamplesJob`, which are named by all that they depend on.
-        seed: Seed of all that is random.
-        networks: How many networks.
-        steps: Steps of gradient descent for each.
-        sees_yaws: Whether they are shown orientations.
+        examples: Result files of `ExamplesJob`, named by a hash of their dependencies.
+        seed: Seed of initial weights and batches.
+        networks: Number of networks.
+        steps: Gradient steps for each.
+        sees_yaws: Whether orientations are inputs.
     """
 
     examples: tuple[Path, ...]
@@ -222,12 +222,12 @@ class NetworksJob:
 
 
 def examples_of(row: Row) -> Examples:
-    """The examples from the result of `ExamplesJob`."""
+    """Examples from a result of `ExamplesJob`."""
     return Examples(**{f.name: row[f.name] for f in fields(Examples)})
 
 
 def model_of(ensembles: Sequence[Row], key: str) -> walker.WalkerModel:
-    """A model without a fitted uncertainty.
+    """A model with fitted networks and a zero uncertainty model.
 
     Args:
         ensembles: Results of `NetworksJob`: with orientations, without, and for precise trackers.

@@ -1,4 +1,4 @@
-"""Recorded walks at other paces, and people who stand: variants of them, and their idle motion around a walk."""
+"""Augmentation: walks at other speeds, starts, stops, and synthetic or varied motion of standing people."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from scipy.ndimage import gaussian_filter1d
 from experiments.fit.variants import GaplessWalk, mirror, smooth_step
 from gazempc.types import FloatArray
 
-# Of these the target speeds are drawn; slower is a start or a stop, faster is no walk.
+# Range of target speeds; slower motion is a start or a stop, faster motion is running.
 _SPEED_M_S = (0.3, 2.0)
-# A person who starts or stops walks at a usual speed: slower motion is a lean, or a step aside.
+# Walking speed of starts and stops; slower motion is a lean or a step aside.
 _STARTING_M_S = (0.6, 1.9)
 _RAMP_S = (0.4, 1.3)
 _CHANGES_AT_S = (0.6, 3.5)
 _LONGEST_S = 5.0
-# A walk is slowed down and sped up by less than this: beyond it, gait is no gait.
+# Range of the playback rate; gait is not realistic beyond it.
 _RATE = (0.0, 2.2)
 _SLOWEST_OWN_M_S = 0.4
-_STRIDE_SD_S = 0.3  # of the bell over which a walk's own speed is averaged: a stride, so that gait stays
-# Over this time two stretches of gait are matched, and faded into each other.
+_STRIDE_SD_S = 0.3  # of the Gaussian window over which the speed is averaged: about a stride, to retain gait
+# Overlap over which two stretches of gait are matched and cross-faded.
 _JOIN_S = 0.3
 KINDS = ("own", "steady", "start", "stop", "stand")
 
 
 def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWalk:
-    """The walk at another pace.
+    """Time-warp a walk to another speed profile.
 
     Args:
         walk: The walk.
         kind: ``steady``, ``start``, ``stop`` or ``stand``.
-        rng: Draws speeds and times.
+        rng: Random generator.
 
     Returns:
         The walk, at most 5 s long.
@@ -42,29 +42,29 @@ def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWa
     own = np.maximum(np.linalg.norm(velocity, axis=1), _SLOWEST_OWN_M_S)
     new_s = np.arange(0.0, _LONGEST_S, step_s)
     speed = _profile(kind, new_s, rng)
-    played = np.empty(new_s.size)
-    played[0] = rng.uniform(0.0, 0.3) * t[-1] if kind in {"start", "stand"} else 0.0
+    warp_s = np.empty(new_s.size)
+    warp_s[0] = rng.uniform(0.0, 0.3) * t[-1] if kind in {"start", "stand"} else 0.0
     n = new_s.size
     for k in range(1, n):
-        rate = np.clip(speed[k] / np.interp(played[k - 1], t, own), *_RATE)
-        played[k] = played[k - 1] + rate * step_s
-        if played[k] > t[-1]:
+        rate = np.clip(speed[k] / np.interp(warp_s[k - 1], t, own), *_RATE)
+        warp_s[k] = warp_s[k - 1] + rate * step_s
+        if warp_s[k] > t[-1]:
             n = k
             break
-    played = played[:n]
-    # Who stands sways; from 0.3 to 0.6 m/s gait takes its place, without a jump.
-    sways = smooth_step(2.0 - speed[:n, None] / _SPEED_M_S[0])
-    stays = idle(n, step_s, rng)
-    if kind == "stop":  # the path ends where the person stands, and the idle motion begins there
-        begins = int(np.argmax(sways[:, 0] > 0.0))
-    else:  # a start takes the person from where the idle motion ended
-        begins = int(np.flatnonzero(sways[:, 0] > 0.0)[-1]) if np.any(sways > 0.0) else 0
-    head = CubicSpline(t, walk.head_m)(played) + sways * (stays.head_m - stays.head_m[begins])
+    warp_s = warp_s[:n]
+    # Weight of the idle motion: 1 up to 0.3 m/s, 0 from 0.6 m/s, smooth between.
+    blend = smooth_step(2.0 - speed[:n, None] / _SPEED_M_S[0])
+    still = idle(n, step_s, rng)
+    if kind == "stop":  # continuous at the start of the idle motion
+        start = int(np.argmax(blend[:, 0] > 0.0))
+    else:  # continuous at the end of the idle motion
+        start = int(np.flatnonzero(blend[:, 0] > 0.0)[-1]) if np.any(blend > 0.0) else 0
+    head = CubicSpline(t, walk.head_m)(warp_s) + blend * (still.head_m - still.head_m[start])
     return GaplessWalk(
         walk.times_s[0] + new_s[:n],
         head,
-        np.interp(played, t, walk.pelvis_yaw_rad) + sways[:, 0] * (stays.pelvis_yaw_rad - stays.pelvis_yaw_rad[begins]),
-        np.interp(played, t, walk.head_yaw_rad) + sways[:, 0] * (stays.head_yaw_rad - stays.head_yaw_rad[begins]),
+        np.interp(warp_s, t, walk.pelvis_yaw_rad) + blend[:, 0] * (still.pelvis_yaw_rad - still.pelvis_yaw_rad[start]),
+        np.interp(warp_s, t, walk.head_yaw_rad) + blend[:, 0] * (still.head_yaw_rad - still.head_yaw_rad[start]),
     )
 
 
@@ -82,14 +82,14 @@ def _profile(kind: str, t: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:
-    """A straight walk that goes on: its gait is repeated along its path, joined where it fits best.
+    """Extend a straight walk: its gait is repeated along the path, joined at the best match.
 
     Args:
         walk: A straight walk.
-        duration_s: How long it is to be.
+        duration_s: Desired duration, seconds.
 
     Returns:
-        The walk, of that length, or as it was if that is longer.
+        The extended walk; unchanged if it is long enough, or too short to join.
     """
     t = walk.times_s - walk.times_s[0]
     step_s = float(np.median(np.diff(t)))
@@ -99,7 +99,7 @@ def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:
         return walk
     fifth = max(1, n // 5)
     slope = np.polyfit(t[fifth:-fifth], walk.head_m[fifth:-fifth], 1)[0]
-    # Gait: what a quadratic in time leaves over.
+    # Gait: residual of a quadratic fit in time.
     basis = np.stack([np.ones(n), t, t**2], axis=1)
     rest = np.column_stack([walk.head_m, walk.pelvis_yaw_rad, walk.head_yaw_rad])
     gait = rest - basis @ np.linalg.lstsq(basis, rest, rcond=None)[0]
@@ -125,7 +125,7 @@ def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:
 
 
 def sway(walk: GaplessWalk, factor: float) -> GaplessWalk:
-    """The walk with more or less gait: what departs from the path of a stride is multiplied, horizontally."""
+    """Scale the horizontal gait, the deviation from the path averaged over a stride, by a factor."""
     step_s = float(np.median(np.diff(walk.times_s)))
     path = gaussian_filter1d(walk.head_m[:, :2], _STRIDE_SD_S / step_s, axis=0, mode="nearest")
     head = walk.head_m.copy()
@@ -134,7 +134,7 @@ def sway(walk: GaplessWalk, factor: float) -> GaplessWalk:
 
 
 def flatten(walk: GaplessWalk) -> GaplessWalk:
-    """The walk as a tracker has it that sees no heights."""
+    """The walk at constant height, as measured by a planar tracker."""
     head = walk.head_m.copy()
     head[:, 2] = head[:, 2].mean()
     return GaplessWalk(walk.times_s, head, walk.pelvis_yaw_rad, walk.head_yaw_rad)
@@ -142,33 +142,33 @@ def flatten(walk: GaplessWalk) -> GaplessWalk:
 
 # Sway: s.d. and correlation time.
 _SWAY_M, _SWAY_TIME_S = (0.002, 0.012), (0.5, 1.5)
-# Weight shifts (a new place for the head) and fidgets (there and back), as in prolonged standing (Duarte & Zatsiorsky
-# 1999); leans of a person who talks, reaches or gestures are larger. Mean intervals are shorter than published ones,
-# so that 5 s of an example hold some.
+# Weight shifts (persistent displacement) and fidgets (out and back), as in prolonged standing (Duarte & Zatsiorsky
+# 1999); leans while talking, reaching or gesturing are larger. Mean intervals are shorter than published ones, so that
+# an example of 5 s contains some.
 _SHIFT_EVERY_S, _SHIFT_M, _SHIFT_TIME_S = (1.5, 15.0), (0.01, 0.15), (0.5, 1.8)
 _LEAN_EVERY_S, _LEAN_M, _LEAN_TIME_S, _HOLD_S = (1.5, 15.0), (0.02, 0.35), (0.4, 1.4), (0.0, 2.0)
 # A step aside or back, after which the person stands again.
 _STEP_EVERY_S, _STEP_M, _STEP_TIME_S = (3.0, 20.0), (0.1, 0.5), (0.6, 1.4)
-# No head on the spot is faster than this at its peak; motion that would be takes longer.
+# Peak speed of a standing person's head: faster displacements are slowed down to it.
 _FASTEST_M_S, _PEAK_OF_SMOOTH_STEP = 0.45, 1.875
-# Sitting down, standing up and bending: the head goes down or up, and a little aside.
+# Sitting down, standing up and bending: vertical displacement, with a small horizontal one.
 _RISE_EVERY_S, _RISE_M, _RISE_ASIDE_M, _RISE_TIME_S = (3.0, 20.0), (0.1, 0.5), (0.02, 0.3), (0.8, 2.0)
-# A turn on the spot moves the head about an axis beside it.
+# A turn on the spot rotates the head about an axis at this distance.
 _TURN_EVERY_S, _TURN_DEG, _TURN_TIME_S, _AXIS_M = (3.0, 20.0), (15.0, 180.0), (0.5, 2.0), (0.0, 0.15)
 _GLANCE_EVERY_S, _GLANCE_DEG, _GLANCE_TIME_S = (1.0, 8.0), (10.0, 70.0), (0.3, 0.8)
-_GLANCE_AXIS_M = 0.06  # the face swings about the neck
-# Variants of recorded people: their motion is played faster or slower, larger or smaller.
+_GLANCE_AXIS_M = 0.06  # from the neck's axis to the face
+# Variants of recorded standing people: ranges of playback rate and amplitude, and duration.
 _PACE, _SIZE, _LONGEST_STANDING_S = (0.7, 1.35), (0.4, 1.5), 6.0
 _YAW_OFFSET_SD_DEG = 6.0
 
 
 def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
-    """RegimeMotion of a person who stays: sway, weight shifts, steps, leans, sitting down, turns, glances.
+    """Synthetic motion of a standing person: sway, weight shifts, steps, leans, sitting down, turns, glances.
 
     Args:
         n: Number of frames.
-        step_s: Time between them, seconds.
-        rng: Draws all of it.
+        step_s: Frame interval, seconds.
+        rng: Random generator.
 
     Returns:
         The motion.
@@ -181,11 +181,11 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
     ):
         for at_s in _events(t, every_s, rng) if rng.random() < share else ():
             step_m = _direction(rng, size_m)
-            head += smooth_step((t - at_s) / _slow_enough(rng.uniform(*takes_s), step_m))[:, None] * step_m
+            head += smooth_step((t - at_s) / _bounded_duration_s(rng.uniform(*takes_s), step_m))[:, None] * step_m
     for at_s in _events(t, _LEAN_EVERY_S, rng) if rng.random() < 0.3 else ():
         step_m = _direction(rng, _LEAN_M)
         step_m[2] -= 0.4 * np.linalg.norm(step_m) * rng.random()  # a lean lowers the head
-        out_s, back_s = (_slow_enough(rng.uniform(*_LEAN_TIME_S), step_m) for _ in range(2))
+        out_s, back_s = (_bounded_duration_s(rng.uniform(*_LEAN_TIME_S), step_m) for _ in range(2))
         until_s = at_s + out_s + rng.uniform(*_HOLD_S)
         there = smooth_step((t - at_s) / out_s) - smooth_step((t - until_s) / back_s)
         head += there[:, None] * step_m
@@ -195,7 +195,7 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
             step_m = _direction(rng, _RISE_ASIDE_M)
             step_m[2] = up * rng.uniform(*_RISE_M)
             head += smooth_step((t - at_s) / rng.uniform(*_RISE_TIME_S))[:, None] * step_m
-            up = -up  # down again, or up
+            up = -up
     for at_s in _events(t, _TURN_EVERY_S, rng) if rng.random() < 0.35 else ():
         time_s = rng.uniform(*_TURN_TIME_S)
         angle = np.radians(rng.uniform(*_TURN_DEG)) * rng.choice([-1.0, 1.0])
@@ -213,7 +213,7 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
 
 
 def _sway_of_standing(n: int, step_s: float, rng: np.random.Generator) -> FloatArray:
-    """Sway of a person who stands, shape (N, 3), metres."""
+    """Sway of a standing person, shape (N, 3), metres."""
     sd_m, time_s = rng.uniform(*_SWAY_M), rng.uniform(*_SWAY_TIME_S)
     found = gaussian_filter1d(rng.standard_normal((n + 200, 3)), time_s / step_s / 2, axis=0)[100 : 100 + n]
     found *= sd_m / max(float(found.std()), 1e-9)
@@ -222,11 +222,11 @@ def _sway_of_standing(n: int, step_s: float, rng: np.random.Generator) -> FloatA
 
 
 def vary_standing(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
-    """A variant of a recorded person who stands: another pace and size of motion, mirrored, other yaw offsets.
+    """Random variant of a recorded standing person: rate and amplitude of the motion, reflection, yaw offsets.
 
     Args:
         walk: The recorded motion.
-        rng: Draws all of it.
+        rng: Random generator.
 
     Returns:
         The variant, at most 6 s long.
@@ -235,16 +235,16 @@ def vary_standing(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     step_s = float(np.median(np.diff(t)))
     rate = float(np.exp(rng.uniform(*np.log(_PACE))))
     n = min(round(_LONGEST_STANDING_S / step_s), int(t[-1] / rate / step_s)) + 1
-    played = rng.uniform(0.0, max(t[-1] - rate * (n - 1) * step_s, 0.0)) + rate * step_s * np.arange(n)
-    played = np.minimum(played, t[-1])
+    warp_s = rng.uniform(0.0, max(t[-1] - rate * (n - 1) * step_s, 0.0)) + rate * step_s * np.arange(n)
+    warp_s = np.minimum(warp_s, t[-1])
     mean = walk.head_m.mean(axis=0)
     size = float(np.exp(rng.uniform(*np.log(_SIZE))))
     offsets = np.radians(_YAW_OFFSET_SD_DEG) * rng.standard_normal(2)
     varied = GaplessWalk(
         walk.times_s[0] + step_s * np.arange(n),
-        mean + size * (CubicSpline(t, walk.head_m)(played) - mean),
-        np.interp(played, t, walk.pelvis_yaw_rad) + offsets[0],
-        np.interp(played, t, walk.head_yaw_rad) + offsets[1],
+        mean + size * (CubicSpline(t, walk.head_m)(warp_s) - mean),
+        np.interp(warp_s, t, walk.pelvis_yaw_rad) + offsets[0],
+        np.interp(warp_s, t, walk.head_yaw_rad) + offsets[1],
     )
     return mirror(varied) if rng.random() < 0.5 else varied
 
@@ -261,7 +261,7 @@ def _direction(rng: np.random.Generator, size_m: tuple[float, float]) -> FloatAr
     return size * np.array([np.cos(angle), np.sin(angle), 0.2 * rng.standard_normal()])
 
 
-def _slow_enough(time_s: float, step_m: FloatArray) -> float:
+def _bounded_duration_s(time_s: float, step_m: FloatArray) -> float:
     return max(time_s, _PEAK_OF_SMOOTH_STEP * float(np.linalg.norm(step_m)) / _FASTEST_M_S)
 
 

@@ -1,4 +1,4 @@
-"""Fit how far the predictor `walker` errs, on people that its networks have not seen."""
+"""Fit the uncertainty model of the predictor `walker` to forecast errors on people left out of the networks' fit."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from experiments.fit.examples import Examples
 from gazempc.types import FloatArray
 from predictors.walker.network import RegimeMotion, WalkerModel
 
-# Keeps coefficients of what hardly varies near zero, and the hidden units from errors of single people.
+# Ridge penalties: coefficients of nearly constant features stay near zero, and the hidden units do not overfit single
+# people.
 _PRIOR_WEIGHT, _HIDDEN_PRIOR_WEIGHT = 1e-3, 1e-4
-# Hidden units: without them one tracker's ellipsoids are too wide and another's too narrow; 24 do no better.
+# Hidden units: a linear model gives too wide ellipsoids for one tracker, too narrow ones for another; 24 bring no gain.
 _HIDDEN = 12
 _STEPS = 250
 _SMALLEST_M = 1e-4
 _NOMINAL = np.array([0.68, 0.95])
 _SCALES = np.exp(np.linspace(np.log(0.5), np.log(2.0), 141))
-# Bounds of the degrees of freedom. With fewer than 5, the rarest errors alone would make the covariance.
+# Bounds of the degrees of freedom; below 5 the rarest errors dominate the covariance.
 _DEGREES_OF_FREEDOM = (5.0, 20.0)
-# Frames in a row err alike; so many rows, evenly spaced, tell as much as all.
+# Number of evenly spaced rows for the fit: errors of successive frames are correlated.
 _ENOUGH_ROWS = 12_000
-# Share of an observation's error in a forecast, before it is fitted.
+# Initial value of the observation error's share.
 _FIRST_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class Spread:
-    """The stated uncertainty of a `WalkerModel`, field by field."""
+    """Parameters of the uncertainty model, named as in `WalkerModel`."""
 
     log_spread: FloatArray
     hidden: FloatArray
@@ -42,20 +43,20 @@ class Spread:
     degrees_of_freedom: float
 
     def log_scale(self, doubt: FloatArray) -> FloatArray:
-        """Logarithm of the scales without the observations' error, shape (N, knots, 3), for `doubt`, (N, reasons)."""
+        """Logarithm of the scales without observation error, shape (N, knots, 3); `doubt` of shape (N, N_DOUBT)."""
         linear = np.tensordot(doubt, self.log_spread, axes=1)
         return np.asarray(linear + np.tensordot(np.tanh(doubt @ self.hidden), self.log_spread_hidden, axes=1))
 
 
 @dataclass(frozen=True)
 class Found:
-    """How far forecasts erred.
+    """Forecast errors, with the features of the uncertainty model.
 
     Attributes:
-        doubt: Reasons for doubt, shape (N, reasons), the first of them 1.
-        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros where none is stated.
-        error_m: Errors on people left out, shape (N, knots, 3), metres; NaN where there is none.
-        weight: How much each example counts, shape (N,).
+        doubt: Features of the uncertainty model, shape (N, N_DOUBT); the first is the constant 1.
+        noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros if none is stated.
+        error_m: Forecast error on people left out, shape (N, knots, 3), metres; NaN after the end of a walk.
+        weight: Weight of each example, shape (N,).
     """
 
     doubt: FloatArray
@@ -74,28 +75,28 @@ class Found:
 
 
 def fit_spread(found: Found) -> Spread:
-    """Fit scales and tails of a t distribution to errors.
+    """Fit scales and log_tails of a t distribution to errors.
 
     At each knot the errors have a t distribution with v degrees of freedom. Its scale on axis i is the root of
-    exp(2 s_i) + (share noise_i)^2, with s = doubt · b + tanh(doubt · h) · c. All are fitted by maximum
-    likelihood; then the scales are multiplied by what makes the 68 and 95 % ellipsoids hold what they say.
+    exp(2 s_i) + (share noise_i)^2, with s = doubt · b + tanh(doubt · h) · c. All are fitted by penalised
+    maximum likelihood; then `calibrate` scales them to the nominal coverage of the 68 and 95 % ellipsoids.
 
     Args:
-        found: Errors on people left out.
+        found: Forecast errors on people left out.
 
     Returns:
-        The fitted numbers: the uncertainty's part of a `WalkerModel`.
+        The fitted parameters.
     """
     rows = slice(None, None, max(1, len(found.doubt) // _ENOUGH_ROWS))
-    return calibrate(_most_likely(Found(*(part[rows] for part in vars(found).values()))), found)
+    return calibrate(_maximum_likelihood(Found(*(part[rows] for part in vars(found).values()))), found)
 
 
 def calibrate(spread: Spread, found: Found) -> Spread:
-    """Scale the spread at each knot so that the worse of the 68 and 95 % ellipsoids is least wrong.
+    """Scale the spread at each knot to minimise the larger coverage error of the 68 and 95 % ellipsoids.
 
     Args:
-        spread: As fitted.
-        found: Errors.
+        spread: Fitted parameters.
+        found: Forecast errors.
 
     Returns:
         The scaled spread.
@@ -107,20 +108,20 @@ def calibrate(spread: Spread, found: Found) -> Spread:
     limits = 3.0 * f_distribution.ppf(_NOMINAL, 3, spread.degrees_of_freedom)
     log_spread, noise_share = spread.log_spread.copy(), spread.noise_share.copy()
     for knot in range(distance2.shape[1]):
-        known = np.isfinite(distance2[:, knot]) & (found.weight > 0)
-        if not known.any():
+        valid = np.isfinite(distance2[:, knot]) & (found.weight > 0)
+        if not valid.any():
             continue
-        inside = distance2[known, knot][:, None, None] <= (_SCALES**2)[:, None] * limits
-        held = np.average(inside, axis=0, weights=found.weight[known])
-        scale = _SCALES[np.argmin(np.max(np.abs(held - _NOMINAL), axis=1))]
+        inside = distance2[valid, knot][:, None, None] <= (_SCALES**2)[:, None] * limits
+        coverage = np.average(inside, axis=0, weights=found.weight[valid])
+        scale = _SCALES[np.argmin(np.max(np.abs(coverage - _NOMINAL), axis=1))]
         log_spread[0, knot] += np.log(scale)
         noise_share[knot] *= scale
     return replace(spread, log_spread=log_spread, noise_share=noise_share)
 
 
-def _most_likely(errors: Found) -> Spread:
+def _maximum_likelihood(errors: Found) -> Spread:
     doubt, knots = errors.doubt, errors.error_m.shape[1]
-    # Reasons on one scale, so that the priors hold them alike. The first one is the constant.
+    # Standardised features, so that the penalties are comparable; the first is the constant.
     mean, sd = np.append(0.0, doubt[:, 1:].mean(axis=0)), np.append(1.0, doubt[:, 1:].std(axis=0) + 1e-6)
     likelihood = SpreadLikelihood(replace(errors, doubt=(doubt - mean) / sd))
     start, bounds = likelihood.start(), likelihood.bounds()
@@ -134,28 +135,28 @@ def _most_likely(errors: Found) -> Spread:
 
 
 class SpreadLikelihood:
-    """How improbable errors are by a stated uncertainty, and the slope of that.
+    """Negative log-likelihood of forecast errors as a function of the parameters, with its gradient.
 
     Args:
-        found: The errors.
+        found: Forecast errors.
     """
 
     def __init__(self, found: Found) -> None:
-        known = np.asarray(np.isfinite(found.error_m).all(axis=2))
+        valid = np.asarray(np.isfinite(found.error_m).all(axis=2))
         self._u, self._noise2 = found.doubt, found.noise_m**2
-        self._error2 = np.where(known[..., None], found.error_m, 0.0) ** 2
-        self._weight = known * found.weight[:, None]
+        self._error2 = np.where(valid[..., None], found.error_m, 0.0) ** 2
+        self._weight = valid * found.weight[:, None]
         self._weight /= max(float(self._weight.sum()), 1e-9)
-        reasons, knots = found.doubt.shape[1], known.shape[1]
-        self._shapes = ((reasons, 3 * knots), (reasons, _HIDDEN), (_HIDDEN, 3 * knots), (knots,), (1,))
+        features, knots = found.doubt.shape[1], valid.shape[1]
+        self._shapes = ((features, 3 * knots), (features, _HIDDEN), (_HIDDEN, 3 * knots), (knots,), (1,))
 
     def parts(self, x: FloatArray) -> list[FloatArray]:
-        """Linear weights, hidden ones, weights of hidden units, log shares of the stated error, degrees of freedom."""
+        """Split into linear, hidden and output weights, log shares of the stated error, and degrees of freedom."""
         ends = np.cumsum([math.prod(shape) for shape in self._shapes])
         return [part.reshape(shape) for part, shape in zip(np.split(x, ends[:-1]), self._shapes, strict=True)]
 
     def start(self) -> FloatArray:
-        """Parameters to begin with."""
+        """Initial parameters."""
         x = np.zeros(sum(math.prod(shape) for shape in self._shapes))
         linear, hidden, _, log_share, v = self.parts(x)
         total = np.maximum(self._weight.sum(axis=0), 1e-9)[:, None]
@@ -167,13 +168,13 @@ class SpreadLikelihood:
         return x
 
     def bounds(self) -> list[tuple[float | None, float | None]]:
-        """Bounds of the parameters."""
+        """Lower and upper bound of each parameter."""
         *free, shares, _ = (math.prod(shape) for shape in self._shapes)
         no_bounds: tuple[float | None, float | None] = (None, None)
         return [no_bounds] * sum(free) + [(-10.0, 3.0)] * shares + [_DEGREES_OF_FREEDOM]
 
     def __call__(self, x: FloatArray) -> tuple[float, FloatArray]:
-        """The mean negative log likelihood, with its priors, and its gradient."""
+        """Weighted mean negative log-likelihood plus penalties, and its gradient."""
         linear, hidden, out, log_share, (v,) = self.parts(x)
         units = np.tanh(self._u @ hidden)
         own = np.exp(2.0 * (self._u @ linear + units @ out)).reshape(self._error2.shape)
@@ -182,14 +183,14 @@ class SpreadLikelihood:
         ratio = self._error2 / variance
         distance2 = ratio.sum(axis=2)
         constant = gammaln(0.5 * v) - gammaln(0.5 * (v + 3.0)) + 1.5 * np.log(v)
-        tails = np.log1p(distance2 / v)
-        cost = 0.5 * np.log(variance).sum(axis=2) + 0.5 * (v + 3.0) * tails + constant
-        # Slopes by the variance, by the logarithm of the scale, and by the degrees of freedom.
+        log_tails = np.log1p(distance2 / v)
+        cost = 0.5 * np.log(variance).sum(axis=2) + 0.5 * (v + 3.0) * log_tails + constant
+        # Derivatives with respect to variance, log scale and degrees of freedom.
         by_variance = (
             0.5 * self._weight[..., None] * (1.0 - ((v + 3.0) / (v + distance2))[..., None] * ratio) / variance
         )
         by_scale = (2.0 * by_variance * own).reshape(len(own), -1)
-        by_v = 0.5 * tails - 0.5 * (v + 3.0) * distance2 / (v * (v + distance2))
+        by_v = 0.5 * log_tails - 0.5 * (v + 3.0) * distance2 / (v * (v + distance2))
         by_v += 0.5 * digamma(0.5 * v) - 0.5 * digamma(0.5 * (v + 3.0)) + 1.5 / v
         by_hidden = self._u.T @ ((by_scale @ out.T) * (1.0 - units**2))
         by_linear = self._u.T @ by_scale
@@ -208,12 +209,12 @@ class SpreadLikelihood:
 def errors_on_left_out(
     left_out: Mapping[str, WalkerModel], people: Sequence[str], scoring: Sequence[Examples]
 ) -> list[Found]:
-    """Errors on each recording by the model that has not seen the person in it.
+    """Errors on each recording by the model fitted without the person in it.
 
     Args:
-        left_out: Model by the person that it has not seen.
-        people: The person in each recording.
-        scoring: Examples of each recording.
+        left_out: Model by the person left out of its fit.
+        people: Person in each recording.
+        scoring: Test examples of each recording.
 
     Returns:
         The errors, for each recording.

@@ -1,4 +1,4 @@
-"""Trackers through which walks are seen when the predictor is fitted: drawn at random, as wrong as real ones are."""
+"""Random tracker models for the fit of the predictor, with errors of the size of real ones."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
-# White errors from none to twice that of the reference sensor; yaw noise goes with it, 2 deg for 10 mm.
+# White noise from none to twice that of the reference sensor; proportional yaw noise, 2 deg for 10 mm.
 _WHITE_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
-# Share of trackers that see walks as they were recorded by kind of error, and of those that see other walks.
+# Probability of each kind, for unmodified walks and for others.
 KINDS = ("white", "wander", "camera", "jumps", "street")
 _SHARES = {"plain": (0.47, 0.24, 0.25, 0.04, 0.0), "other": (0.30, 0.15, 0.20, 0.0, 0.35)}
-# Precise trackers, such as motion capture: white errors of position and yaws.
+# Precise trackers, such as motion capture: white noise of position and yaws.
 _PRECISE_M, _PRECISE_YAW_DEG = (0.0, 0.0, 0.0005, 0.001, 0.002, 0.003), (0.0, 0.0, 0.5, 1.0, 2.0)
-# Both orientations, none, the head's, the pelvis's.
+# Measured orientations (head, pelvis), with probabilities.
 _ORIENTATIONS, _ORIENTATION_SHARES = (
     ((True, True), (False, False), (True, False), (False, True)),
     (0.64, 0.22, 0.07, 0.07),
 )
-# Wander of tracks in streets, and white error; smoothing of a wander that counts as the path itself.
+# Tracks in streets: wander, white noise; smoothing of a wander that is added to the true path.
 _WANDER_M, _WANDER_TIME_S, _STREET_WHITE_M, _WOBBLE_SD_S = (0.005, 0.04), (0.08, 0.5), (0.0005, 0.005), 0.05
-# Body trackers: white error, wander with its correlation time; yaws of head and pelvis. Around `body_tracker`.
+# Body trackers: white noise, wander with its correlation time; yaws of head and pelvis. Centred on `body_tracker`.
 _BODY_WHITE_M, _BODY_WANDER_M, _BODY_TIME_S = (0.002, 0.012), (0.008, 0.035), (0.2, 1.0)
 _BODY_YAW_DEG, _BODY_YAW_WANDER_DEG, _BODY_YAW_TIME_S = (1.0, 3.0), ((2.0, 11.0), (2.0, 8.0)), (0.4, 1.5)
-# Cameras: range error as shares of the range, bearing error; around what bags of a real one show.
+# Cameras: relative range error, bearing error; centred on those in bags of a real camera.
 _RANGE_NOISE, _RANGE_WANDER, _RANGE_TIME_S = (0.005, 0.2), (0.01, 0.2), (0.5, 4.0)
 _BEARING_DEG, _CAMERA_YAW_DEG = (0.04, 0.3), (2.0, 6.0)
-# Jumps of tracks that last, in all kinds but the camera's; single frames far off, in any.
+# Persistent jumps, in all kinds except the camera; outliers of single frames, in any.
 _JUMPS = {"duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.02}
 _SPIKES = {"size_min_m": 0.1, "size_max_m": 0.5}
 _JUMP_INTERVAL_S, _JUMP_SIZE_M, _SPIKE_INTERVAL_S = (1.0, 5.0), (0.04, 0.2), (0.3, 2.0)
-# How many trackers of a kind have such a fault: often enough to be learned, seldom enough to stay the exception.
+# Probabilities of faults: a compromise between sufficient examples and accuracy without faults.
 _WITH_JUMPS, _WITH_SPIKES, _WITH_FAULT = 0.3, 0.06, 0.1
 _BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.5, 0.7
 _STREET_HZ, _SLOW_HZ, _FAST_HZ = (2.5, 5.0, 10.0, 16.0, 25.0, 30.0, 50.0), (2.5, 5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
@@ -49,27 +49,26 @@ _DROPOUT, _LOSS_S, _JITTER_PERIODS = (0.05, 0.5), (0.2, 1.0), (0.1, 0.5)
 _SLOW_SHARE = 0.15
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 0.8, 5.0
-# Trackers above this rate, and frames that come late by parts of a period, are cut from a finer walk.
+# Upsampling rate of walks for higher frame rates, and for frames with jitter.
 _FINE_HZ = 120.0
 _USUAL_HZ = 30.0
 
 
 def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]:
-    """A tracker at random.
+    """Draw a random tracker.
 
     Args:
-        rng: Where chance comes from.
-        walks: ``plain`` for walks as they were recorded, ``other`` for all else; ``precise`` for a tracker with little
-            error.
+        rng: Random generator.
+        walks: ``plain`` for unmodified walks, ``other`` for other walks; ``precise`` for a precise tracker.
 
     Returns:
-        Its kind, one of `KINDS`, and the tracker.
+        Its kind, one of `KINDS`, and its model.
     """
     fields: dict[str, Any] = {"rate_hz": _USUAL_HZ}
     if walks == "precise":
         fields["rate_hz"] = _draw_rate_hz(rng)
         fields |= {"position_noise_m": rng.choice(_PRECISE_M), "yaw_noise_deg": rng.choice(_PRECISE_YAW_DEG)}
-        return "white", _drawn("white", fields, rng)
+        return "white", _make_sensor("white", fields, rng)
     kind = str(rng.choice(KINDS, p=_SHARES[walks]))
     head, pelvis = _ORIENTATIONS[rng.choice(4, p=_ORIENTATION_SHARES)]
     yaws: list[dict[str, Any]] = [{}, {}]
@@ -109,15 +108,15 @@ def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]
     else:
         fields["rate_hz"] = _draw_rate_hz(rng)
     fields["head_yaw"], fields["pelvis_yaw"] = ({"reported": r, **y} for r, y in zip((head, pelvis), yaws, strict=True))
-    return kind, _drawn(kind, fields, rng)
+    return kind, _make_sensor(kind, fields, rng)
 
 
-def _drawn(kind: str, fields: dict[str, Any], rng: np.random.Generator) -> SensorSpec:
+def _make_sensor(kind: str, fields: dict[str, Any], rng: np.random.Generator) -> SensorSpec:
     return SensorSpec(name=kind, source="drawn at random", latency_s=0.0, **fields, **_faults(rng, kind, fields))
 
 
 def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
-    """The walk with a wander on its path that no gait explains: as in a crowd, or in the track of a tracker."""
+    """Add a random low-frequency displacement beyond gait, as in a crowd or in the tracks of a data set."""
     slow = rng.uniform(*_WANDER_M) * wander(walk.times_s, _log_uniform(rng, *_WANDER_TIME_S), 3, rng)
     slow[:, 2] = 0.0
     step_s = float(np.median(np.diff(walk.times_s)))
@@ -125,7 +124,7 @@ def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
 
 
 def _street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """White error and wander of a tracker that sees no heights, shape (N, 3), metres."""
+    """White noise and wander of a planar tracker, shape (N, 3), metres."""
     slow = rng.uniform(*_WANDER_M) * wander(times_s, _log_uniform(rng, *_WANDER_TIME_S), 3, rng)
     error = slow + rng.uniform(*_STREET_WHITE_M) * rng.standard_normal((times_s.size, 3))
     error[:, 2] = 0.0
@@ -133,23 +132,23 @@ def _street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray
 
 
 def beside(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
-    """The walk in the frame of a robot somewhere beside it, 1.2 m high."""
+    """The walk in the frame of a robot at a random place beside it, 1.2 m high."""
     away_rad, away_m = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(_NEAREST_M, _FARTHEST_M)
     direction = np.array([np.cos(away_rad), np.sin(away_rad)])
-    # Beyond the walk's own end in that direction, so that no walk passes through the robot.
+    # Beyond the walk's extent in that direction, so that it does not pass through the robot.
     at = walk.head_m[:, :2].mean(axis=0)
     at = at + direction * (away_m + float(np.max((walk.head_m[:, :2] - at) @ direction)))
     return replace(walk, head_m=walk.head_m - [*at, _HEIGHT_M])
 
 
 def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.random.Generator) -> list[HeadObservation]:
-    """What a tracker sees of a walk.
+    """Observations of a walk by a tracker.
 
     Args:
         walk: The walk, in the tracker's frame.
         kind: Kind of the tracker.
-        sensor: The tracker.
-        rng: Where its errors come from.
+        sensor: Model of the tracker.
+        rng: Random generator of its errors.
 
     Returns:
         The observations, in order of capture.
@@ -172,10 +171,10 @@ def _finer(walk: GaplessWalk) -> GaplessWalk:
 
 
 def _draw_rate_hz(rng: np.random.Generator) -> float:
-    chance = rng.random()
-    if chance < _SLOW_SHARE:
+    draw = rng.random()
+    if draw < _SLOW_SHARE:
         return float(rng.choice(_SLOW_HZ))
-    return float(rng.choice(_FAST_HZ)) if chance < _SLOW_SHARE + _WITH_FAULT else _USUAL_HZ
+    return float(rng.choice(_FAST_HZ)) if draw < _SLOW_SHARE + _WITH_FAULT else _USUAL_HZ
 
 
 def _faults(rng: np.random.Generator, kind: str, fields: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Variants of a recorded walk, to fit a predictor on: bent, mirrored, faster, slower, with glances and stops."""
+"""Augmentation of a recorded walk for a fit: turns, reflection, other speeds, glances and stops."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from gazempc.recordings.truth import stretches
 from gazempc.types import FloatArray
 from predictors.geometry import yaw_rad
 
-# Turns of real walkers are bursts: 40 degrees in two thirds of a second, 90 in about one; long arcs are rarer.
+# Human turns are short: 40 degrees in two thirds of a second, 90 in about one; long arcs are rarer.
 _TURN_DEG, _TURN_TIME_S, _PEAK_RATE_DEG_S = (15.0, 120.0), (0.5, 2.2), (15.0, 160.0)
-# Walkers slow down in a 90 degree turn to 0.6-0.75 of their speed.
+# Maximum relative reduction of the speed; measured in 90 degree turns: to 0.6-0.75 of the speed.
 _SLOW_DOWN = 0.45
-# Pelvis before travel direction, head before pelvis, seconds; in real turns 0.1 to 0.25 s in all.
+# Lead of the pelvis over the direction of travel, and of the head over the pelvis, seconds; measured: 0.1 to 0.25 s in
+# all.
 _PELVIS_LEAD_S, _HEAD_LEAD_S = (-0.05, 0.25), (-0.05, 0.2)
-# Bodies turn in a shorter time than the path does.
+# Duration of the turns of pelvis and head as a share of the path's: shorter on average.
 _PELVIS_TURN_SHARE, _HEAD_TURN_SHARE = (0.5, 1.05), (0.45, 1.0)
 _OFFSET_SD_DEG = (6.0, 3.0)  # of head and pelvis yaw, on top of the person's own
 _GLANCE_DEG, _GLANCE_TIME_S, _GLANCE_RISE_S = (15.0, 60.0), (0.4, 4.0), 0.25
@@ -29,13 +30,13 @@ _SHORTEST_S = 1.25
 
 @dataclass(frozen=True)
 class GaplessWalk:
-    """Head and headings of one walk, without gaps.
+    """Head positions and yaws of one walk, without gaps.
 
     Attributes:
-        times_s: Shape (N,).
-        head_m: Head positions, shape (N, 3).
-        pelvis_yaw_rad: Unwrapped, shape (N,).
-        head_yaw_rad: Unwrapped, shape (N,).
+        times_s: Shape (N,), seconds.
+        head_m: Head positions, shape (N, 3), metres.
+        pelvis_yaw_rad: Unwrapped, shape (N,), radians.
+        head_yaw_rad: Unwrapped, shape (N,), radians.
     """
 
     times_s: FloatArray
@@ -45,7 +46,7 @@ class GaplessWalk:
 
 
 def walk_of(recording: Recording) -> GaplessWalk:
-    """The walk in a recording.
+    """Longest gapless part of a recording.
 
     Args:
         recording: The recording.
@@ -54,7 +55,7 @@ def walk_of(recording: Recording) -> GaplessWalk:
         Its longest stretch without a gap of more than 0.2 s.
 
     Raises:
-        GazempcError: If that is shorter than 1.25 s, or an orientation is not known in a frame.
+        GazempcError: If it is shorter than 1.25 s, or an orientation is missing in a frame.
     """
     truth = recording.truth
     for part, known in (("head", truth.head_quat_wxyz), ("pelvis", truth.pelvis_quat_wxyz)):
@@ -77,13 +78,13 @@ def walk_of(recording: Recording) -> GaplessWalk:
 
 
 def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool, own_pace: bool = True) -> GaplessWalk:
-    """A random variant.
+    """Random variant of a walk.
 
     Args:
         walk: The recorded walk.
-        rng: Where chance comes from.
-        bend_it: Whether to bend it along turns.
-        own_pace: Whether its pace may be changed.
+        rng: Random generator.
+        bend_it: Whether to add turns.
+        own_pace: Whether to change the pace at random.
 
     Returns:
         The variant.
@@ -104,7 +105,7 @@ def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool, own_pace: b
 
 
 def mirror(walk: GaplessWalk) -> GaplessWalk:
-    """Left and right exchanged."""
+    """Left-right reflection."""
     return replace(
         walk,
         head_m=walk.head_m * [1.0, -1.0, 1.0],
@@ -114,12 +115,12 @@ def mirror(walk: GaplessWalk) -> GaplessWalk:
 
 
 def glance(walk: GaplessWalk, rng: np.random.Generator, angle_deg: float | None = None) -> GaplessWalk:
-    """The head turned aside for a while, as people do who notice a robot.
+    """Add a temporary head turn, as of people who notice a robot.
 
     Args:
         walk: The walk.
-        rng: Draws side, beginning and length.
-        angle_deg: How far; drawn if not given.
+        rng: Random generator of side, start and duration.
+        angle_deg: Amplitude, degrees; random if None.
 
     Returns:
         The walk with the glance.
@@ -134,11 +135,11 @@ def glance(walk: GaplessWalk, rng: np.random.Generator, angle_deg: float | None 
 
 
 def change_pace(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
-    """Played faster or slower, with a slow change of pace, sometimes with a stop, by a smaller or taller person.
+    """Time-warp a walk (constant rate, slow modulation, an optional stop) and scale the person's size.
 
     Args:
         walk: The walk.
-        rng: Draws all of it.
+        rng: Random generator.
 
     Returns:
         The variant, at most as long as the walk.
@@ -149,31 +150,31 @@ def change_pace(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     if rng.random() < 0.2:
         stops_s = rng.uniform(0.5, t[-1] + 0.5)
         rate = rate * (1.0 - smooth_step((t - stops_s) / rng.uniform(0.5, 1.2)) * rng.uniform(0.5, 1.0))
-    played = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
-    n = int(np.searchsorted(played, t[-1], side="right"))
-    played = played[:n]
+    warp_s = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    n = int(np.searchsorted(warp_s, t[-1], side="right"))
+    warp_s = warp_s[:n]
     return GaplessWalk(
         walk.times_s[:n],
-        CubicSpline(t, walk.head_m)(played) * rng.uniform(0.9, 1.1),
-        np.interp(played, t, walk.pelvis_yaw_rad),
-        np.interp(played, t, walk.head_yaw_rad),
+        CubicSpline(t, walk.head_m)(warp_s) * rng.uniform(0.9, 1.1),
+        np.interp(warp_s, t, walk.pelvis_yaw_rad),
+        np.interp(warp_s, t, walk.head_yaw_rad),
     )
 
 
 def bend(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
-    """The same walk along one or two turns: every step is turned by the angle turned so far, gait and all.
+    """Add one or two turns: each displacement, gait included, is rotated by the angle turned so far.
 
-    Pelvis and head go before the path and get there in a shorter time; the walk slows down in the turn.
+    Pelvis and head lead the path and turn in a shorter time; the walk is slower in the turn.
 
     Args:
         walk: The walk.
-        rng: Draws turns, leads and slowing down.
+        rng: Random generator of turns, leads and deceleration.
 
     Returns:
-        The bent walk.
+        The walk with turns.
     """
     t = walk.times_s
-    # Finer than the frames, and beyond their ends, because leads reach there.
+    # Finer than the frames, and extended at both ends by the leads.
     fine_s = np.arange(t[0] - 1.5, t[-1] + 1.5, 1 / 120)
     path, pelvis, head = np.zeros_like(fine_s), np.zeros_like(fine_s), np.zeros_like(fine_s)
     for _ in range(rng.integers(1, 3)):
@@ -211,6 +212,6 @@ def _draw_turn(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def smooth_step(share: FloatArray) -> FloatArray:
-    """From 0 to 1 as the share goes from 0 to 1, with no velocity and no acceleration at both ends."""
+    """Minimum-jerk step from 0 to 1 over [0, 1]: zero velocity and acceleration at both ends."""
     u = np.clip(share, 0.0, 1.0)
     return np.asarray(u**3 * (10.0 - 15.0 * u + 6.0 * u**2))

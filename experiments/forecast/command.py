@@ -50,14 +50,14 @@ class ForecastSettings(PredictorSettings, ChoiceSettings):
 
 
 def forecast(**settings: Any) -> list[Row]:
-    """Run every predictor over every recording.
+    """Evaluate every predictor on every recording.
 
     Args:
         **settings: Any of `ForecastSettings`, such as ``recordings=["synthetic"], predictors=["walker"]``.
 
     Returns:
-        A row for each recording, sensor, predictor and cues: labels, ``left_out`` and ``failed`` (a reason or None),
-        else the arrays of `experiments.forecast.errors.ForecastErrors`.
+        One row a recording, sensor, predictor and cues: labels, ``left_out`` and ``failed`` (a reason or None), and the
+        arrays of `experiments.forecast.errors.ForecastErrors`.
 
     Raises:
         GazempcError: On bad input, before anything runs.
@@ -68,7 +68,7 @@ def forecast(**settings: Any) -> list[Row]:
 def _run(settings: ForecastSettings, command: str) -> int:
     found = _forecast(settings)
     results = [row for row in found if not row["failed"] and not row["left_out"]]
-    # Of all predictors, as the place has nothing to do with them.
+    # One entry for all predictors: the reason is independent of them.
     left_out = {(row["recording"], row["sensor"]): _of(row, _LEFT_OUT) for row in found if row["left_out"]}
     rows = summarise(results)
     data_kinds = ", ".join(dict.fromkeys(row["data_kind"] for row in results))
@@ -89,7 +89,7 @@ def _run(settings: ForecastSettings, command: str) -> int:
     return exit_status(False, bool(summary["failed"]))
 
 
-# What `summary.json` has of a forecast that failed, and of a recording that was left out.
+# Columns of `summary.json` for failed forecasts, and for left-out recordings.
 _FAILED = ("recording", "predictor", "cues", "sensor", "failed")
 _LEFT_OUT = ("recording", "sensor", "left_out")
 
@@ -122,7 +122,7 @@ def _of(row: Row, names: Sequence[str]) -> Row:
 
 
 def _views(settings: ForecastSettings) -> list[ClipView]:
-    # A slower sensor: a frame's noise does not depend on which frames are taken.
+    # Subsampling by a slower sensor: the noise of the remaining frames is unchanged.
     return [
         ClipView(
             {key: sensor if rate_hz is None else _slowed(sensor, rate_hz) for key, sensor in sensors.items()},

@@ -1,4 +1,4 @@
-"""Forecast errors of a predictor on one recording, frame by frame, as a job: the view of the sensor, and the truth."""
+"""Forecast errors of a predictor on one recording, frame by frame, as a job; observations and ground truth."""
 
 from __future__ import annotations
 
@@ -27,18 +27,17 @@ _SCENE = SceneSettings()
 
 
 def placed_for(recording: Recording, sensor: SensorSpec) -> Recording:
-    """A recording in the frame in which a sensor sees it.
+    """Transform a recording into the frame of a sensor's observations.
 
-    Where nothing depends on the robot's place, the recording's own frame serves: errors are then the same everywhere.
-    Otherwise the robot stands at the default place of a replay: where the recording's sensor stood, or
-    2.5 m beside the walk.
+    The recording's own frame if the sensor's errors are independent of the robot's place; otherwise the base frame of a
+    robot at the default place of a replay: the place of the recording's sensor, or 2.5 m beside the walk.
 
     Args:
         recording: The recording, in its own frame.
         sensor: The sensor.
 
     Returns:
-        The recording, in the base frame if that matters.
+        The recording, in the base frame if the errors depend on it.
 
     Raises:
         PlacementError: If the head comes too near to the robot.
@@ -49,12 +48,12 @@ def placed_for(recording: Recording, sensor: SensorSpec) -> Recording:
 
 
 def in_order(recording: Recording, sensor: SensorSpec, seed: int) -> list[Sighting]:
-    """What a predictor gets: as in the loop, a frame that was overtaken by a newer one is dropped.
+    """Observations of a predictor: as in the loop, frames that arrive after a newer one are dropped.
 
     Args:
-        recording: The recording, as `placed_for` gives it.
+        recording: The recording, from `placed_for`.
         sensor: The sensor.
-        seed: Seed of its errors.
+        seed: Seed of the sensor's errors.
 
     Returns:
         The sightings in order of capture.
@@ -67,18 +66,17 @@ def in_order(recording: Recording, sensor: SensorSpec, seed: int) -> list[Sighti
 
 
 def smooth_truth(recording: Recording, over_s: float) -> Recording:
-    """Smooth the true head's path by a centred moving average in time, which does not lag.
+    """Smooth the true head's path by a centred moving average, which has zero phase.
 
-    Between frames the track is taken to be straight. Towards an end of the track, or a gap of more than 0.2 s, the
-    window becomes narrower on both sides, so that steady motion stays as it is.
+    The track is linear between frames. Towards an end of the track, or a gap of more than 0.2 s, the window shrinks
+    symmetrically, so that constant velocity is preserved.
 
     Args:
-        recording: The recording; its truth is a tracker's, with the errors of that.
+        recording: The recording, whose truth has the errors of a tracker.
         over_s: Length of the window, seconds; 0 for no smoothing.
 
     Returns:
-        The recording with the smooth truth. What a tracker measured of it is the track before, unless the recording has
-        such a track of its own.
+        The recording with smoothed truth; the unsmoothed track becomes the measured one, if the recording has none.
     """
     if over_s == 0.0:
         return recording
@@ -102,14 +100,14 @@ def _averaged(times_s: FloatArray, position_m: FloatArray, over_s: float) -> Flo
 
 @dataclass(frozen=True)
 class ClipView:
-    """How the predictors see the walks.
+    """Sensor and ground truth of an evaluation.
 
     Attributes:
-        sensors: Sensor by name: the one that was chosen, or each that a recording may call for.
-        sensor: Name of the chosen one; None for the one that fits each recording.
+        sensors: Sensor by name: the chosen one, or all defaults.
+        sensor: Name of the chosen one; None for each recording's default.
         seed: Seed of the sensor's noise.
-        truth_smoothing_s: Over what time the truth is smoothed for scoring; the predictors see it as it is. With it,
-            the track as it was recorded is the sensor that fits.
+        truth_smoothing_s: Window over which the truth is smoothed for scoring only; if positive, the recorded track is
+            the default sensor.
     """
 
     sensors: Mapping[str, SensorSpec]
@@ -119,20 +117,20 @@ class ClipView:
 
     @property
     def sensor_name(self) -> str | None:
-        """The name that the chosen sensor gives itself; None if none is chosen."""
+        """Name in the chosen sensor's file; None if none is chosen."""
         return None if self.sensor is None else self.sensors[self.sensor].name
 
     def of(self, recording: Recording) -> tuple[Recording, SensorSpec, TrueHead]:
-        """A recording as it is seen.
+        """Observed recording, sensor and ground truth.
 
         Args:
             recording: The recording, in its own frame.
 
         Returns:
-            What the sensor sees, in the frame in which it does; the sensor; what forecasts are compared with.
+            The recording in the sensor's frame; the sensor; the true head.
 
         Raises:
-            PlacementError: If the head comes too near to a robot whose place matters.
+            PlacementError: If the head comes too near to the robot.
         """
         fits = "recorded" if self.truth_smoothing_s else default_sensor(recording)
         sensor = self.sensors[self.sensor or fits]
@@ -143,21 +141,21 @@ class ClipView:
 
 Cues = Literal["both", "head", "pelvis", "none"]
 
-# A filter has converged after half a second; earlier frames would measure its start.
+# Convergence time of the filters, excluded from the scores.
 RUN_IN_S = 0.5
 
 
 @dataclass(frozen=True)
 class ForecastErrors:
-    """Errors after each scored frame at each horizon; NaN where the true head is not known by then.
+    """Errors after each scored frame at each horizon; NaN without a true head.
 
     Attributes:
         horizons_s: Shape (H,), seconds from capture.
         difference_m: Forecast minus true position, shape (F, H, 3), metres: along the travel direction at capture,
             across it (positive to the left), vertical.
         error_filtered_m: Distance of the forecast from the filtered position at that time, shape (F, H), metres.
-        nees: Normalised squared error under the forecast's covariance, shape (F, H); NaN where it has none.
-        degrees_of_freedom: Those of each forecast's errors, shape (F,); infinite for normal ones.
+        nees: Normalised estimation error squared, shape (F, H); NaN for a singular covariance.
+        degrees_of_freedom: Of each forecast's errors, shape (F,); infinite for normal errors.
         update_us: Time of each predictor update, shape (U,), microseconds.
     """
 
@@ -178,19 +176,19 @@ def forecast_errors(
     cues: Cues = "both",
     true_head: TrueHead | None = None,
 ) -> ForecastErrors:
-    """Run a predictor over a recording and compare its forecasts with what came.
+    """Run a predictor on a recording and compare its forecasts with the true path.
 
-    The filtered position is that of `ConstantVelocity` at its default settings on the same observations, between frames
-    linearly interpolated; it is the same for all predictors.
+    The filtered position, common to all predictors, is that of `ConstantVelocity` at its default settings on the same
+    observations, linearly interpolated between frames.
 
     Args:
-        recording: The recording, in the frame in which the sensor sees it.
+        recording: The recording, in the sensor's frame.
         predictor: The predictor; reset first.
-        sensor: What it sees of the recording.
+        sensor: The sensor.
         horizons_s: Horizons from capture, shape (H,), seconds.
         seed: Seed of the sensor's noise.
-        cues: Which orientations the predictor is shown.
-        true_head: What the forecasts are compared with; without it the recording's own truth.
+        cues: Orientations in the observations.
+        true_head: Ground truth; default: the recording's.
 
     Returns:
         The errors of all frames captured at least half a second after the first one.
@@ -198,7 +196,7 @@ def forecast_errors(
     predictor.reset()
     reference = ConstantVelocity()
     true_head = true_head or TrueHead(recording)
-    observations = [_shown(each.observation, cues) for each in in_order(recording, sensor, seed)]
+    observations = [_with_cues(each.observation, cues) for each in in_order(recording, sensor, seed)]
     found, update_us = [], []
     for observation in observations:
         capture_s = observation.capture_time_s
@@ -207,8 +205,8 @@ def forecast_errors(
         predictor.update(observation)
         update_us.append(1e6 * (time.perf_counter() - started))
         forecast = predictor.forecast(capture_s + horizons_s)
-        stated = forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom
-        found.append((capture_s, reference.state()[1][:3], *stated))
+        outputs = forecast.means_base_m, forecast.covariances_m2, forecast.degrees_of_freedom
+        found.append((capture_s, reference.state()[1][:3], *outputs))
     captures_s, positions, means, covariances, freedom = (np.array(column) for column in zip(*found, strict=True))
     scored = captures_s >= captures_s[0] + RUN_IN_S - 1e-9
     ahead_s = captures_s[scored, None] + horizons_s
@@ -226,7 +224,7 @@ def forecast_errors(
     return ForecastErrors(horizons_s, parts, error_filtered, nees, freedom[scored], np.array(update_us))
 
 
-def _shown(observation: HeadObservation, cues: Cues) -> HeadObservation:
+def _with_cues(observation: HeadObservation, cues: Cues) -> HeadObservation:
     return replace(
         observation,
         head_quat_wxyz=observation.head_quat_wxyz if cues in {"both", "head"} else None,
@@ -237,7 +235,7 @@ def _shown(observation: HeadObservation, cues: Cues) -> HeadObservation:
 def _along_across_up(difference_m: FloatArray, true_head: TrueHead, capture_s: FloatArray) -> FloatArray:
     travelled = true_head(capture_s + 0.05)[:, :2] - true_head(capture_s - 0.05)[:, :2]
     length = np.linalg.norm(travelled, axis=1, keepdims=True)
-    # Who stands has no direction of travel; x serves as well as any.
+    # The direction of travel is undefined at rest; x by convention.
     direction = np.where(length > 1e-6, travelled / np.maximum(length, 1e-6), [1.0, 0.0])
     across = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
     level = np.einsum("fhi,fki->fhk", difference_m[..., :2], np.stack([direction, across], axis=1))
@@ -246,24 +244,24 @@ def _along_across_up(difference_m: FloatArray, true_head: TrueHead, capture_s: F
 
 def _nees(difference_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
     nees = np.full(difference_m.shape[:2], np.nan)
-    stated = np.linalg.det(covariance_m2) > 0
-    solved = np.linalg.solve(covariance_m2[stated], difference_m[stated][..., None])[..., 0]
-    nees[stated] = np.sum(difference_m[stated] * solved, axis=-1)
+    regular = np.linalg.det(covariance_m2) > 0
+    solved = np.linalg.solve(covariance_m2[regular], difference_m[regular][..., None])[..., 0]
+    nees[regular] = np.sum(difference_m[regular] * solved, axis=-1)
     return nees
 
 
 @dataclass(frozen=True)
 class ForecastJob:
-    """All that the errors depend on.
+    """Inputs of an evaluation.
 
     Attributes:
         recording: Synthetic name or path.
         predictor: A shipped name or ``module:Class``.
-        cues: Which orientations it is shown.
+        cues: Orientations in the observations.
         horizons_s: Horizons from capture, seconds.
-        view: How it sees the walk.
+        view: Sensor and ground truth.
         settings: Parameters of the shipped predictors.
-        options: Parameters of the user's own.
+        options: Parameters of custom predictors.
     """
 
     recording: str
@@ -285,7 +283,7 @@ class ForecastJob:
         )
 
     def run(self) -> Row:
-        """Labels, the predictor's name, whether it was fitted on this person, and arrays of `ForecastErrors`."""
+        """Labels, the predictor's name, whether the person is in its training set, and arrays of `ForecastErrors`."""
         recording, sensor, true_head = self.view.of(load_once(self.recording))
         subject = recording.labels.subject
         predictor = make_predictor(self.predictor, self.settings, Person(subject, true_head), dict(self.options))

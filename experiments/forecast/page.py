@@ -1,4 +1,4 @@
-"""Means, plots, tables and report of a comparison of forecasts."""
+"""Averages, plots, tables and report of a comparison of forecasts."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def summarise(results: Sequence[_Row]) -> list[dict[str, Any]]:
     to `constant_velocity` and `last_position` are over the clips that both have.
 
     Args:
-        results: As of `experiments.forecast.command.forecast`, of those that were made.
+        results: Successful rows of `experiments.forecast.command.forecast`.
 
     Returns:
-        One row a combination; NaN is None.
+        One row a combination; None for NaN.
     """
     rows = []
     for sensor in sensors_of(results):
@@ -64,7 +64,7 @@ def _ratio(chosen: Sequence[_Row], baseline: Mapping[str, _Row], i: int) -> floa
 
 
 def _error_m(result: _Row, i: int) -> float:
-    """Mean distance from the true head at the i-th horizon, metres; NaN where none is known."""
+    """Mean distance from the true head at the i-th horizon, metres; NaN without scored frames."""
     return of_known(np.linalg.norm(result["difference_m"][:, i], axis=-1))
 
 
@@ -105,10 +105,10 @@ def _inside(result: _Row, i: int, share: float) -> FloatArray:
 
 
 def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
-    """Mean error against horizon, a plot for each group; of several cues the first.
+    """Mean error against horizon, one plot a group; with the first of several cues.
 
     Args:
-        rows: As of `summarise`.
+        rows: Result of `summarise`.
         sensor: The sensor.
     """
     rows = [r for r in rows if r["sensor"] == sensor and r["cues"] == rows[0]["cues"] and r["kind"] == "all"]
@@ -132,10 +132,10 @@ def forecast_page(summary: _Row, results: Sequence[_Row], pictures: Iterable[Pat
     """The report of a comparison.
 
     Args:
-        summary: What is in `summary.json`.
-        results: What it was made from.
+        summary: Content of `summary.json`.
+        results: Rows that it summarises.
         pictures: Figures.
-        command: What repeats it.
+        command: Command line that reproduces it.
 
     Returns:
         The report.
@@ -203,10 +203,10 @@ def _unusual(summary: _Row) -> Iterator[Unusual]:
 
 
 def about(summary: _Row) -> list[str]:
-    """What a reader must know of the numbers.
+    """Notes on the definition of the numbers.
 
     Args:
-        summary: What is in `summary.json`.
+        summary: Content of `summary.json`.
 
     Returns:
         The sentences.
@@ -233,15 +233,15 @@ def forecast_table(rows: Sequence[_Row], title: str) -> PageTable:
     """The rows of one sensor.
 
     Args:
-        rows: As of `summarise`.
-        title: What stands above.
+        rows: Result of `summarise`.
+        title: Heading.
 
     Returns:
         The table.
     """
-    # Most recordings do not say of what kind they are.
+    # Most recordings have no kind.
     has_kinds = any(r["kind"] != "all" for r in rows)
-    # A forecast of people who stand has to beat the position where they are.
+    # For standing people the last position is the baseline.
     stand = any(r["group"] == STANDING for r in rows)
 
     def value(name: str, form: str = ".0f") -> Callable[[_Row], str]:

@@ -1,7 +1,7 @@
-"""What could make the published errors: the time constant of the position filter, or turns.
+"""Possible causes of the published errors: the time constant of the position filter, or turns.
 
-Errors over the time constant, the one whose errors are nearest to the published ones, and the turns that would explain
-them: a straight forecast of a person on an arc.
+Errors as a function of the time constant, the constant with the best fit to the published errors, and the turns that
+would explain them: a straight forecast of a person on an arc.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from experiments.paper.frames import GROUPS, HORIZONS_S, Against, Frames, filter
 from experiments.paper.published import HORIZON_S, PUBLISHED
 from experiments.paper.validation import exact_weight
 
-# The default of `predictors.ConstantVelocity`, which errs least on walking people.
+# Default of `predictors.ConstantVelocity`, which minimises the error on walking people.
 TUNED_TIME_S = round(filter_time_s(0.05), 4)
 SLOW_TIME_S = 1.0
 FILTER_TIMES_S = (0.05, TUNED_TIME_S, 0.15, 0.24, 0.4, 0.7, SLOW_TIME_S, 1.4, 2.0)
@@ -26,14 +26,14 @@ AGAINST: tuple[Against, ...] = ("filtered", "true")
 
 
 def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Sweep the filter's time constant against w.
+    """Errors as a function of the filter's time constant, without the rule and at the best w.
 
     Args:
-        rows_by_time: For each time constant the rows of `experiments.paper.frames.labelled`.
+        rows_by_time: Rows of `experiments.paper.frames.labelled` by time constant.
 
     Returns:
-        One row for each time constant, way to measure, horizon and group: the mean errors over the group's frames
-        without the rule and with the w that is best for all groups together, with this filter.
+        One row a time constant, reference, horizon and group: mean errors over the group's frames without the rule, and
+        with the w that is optimal over all groups with this filter.
     """
     table = []
     for time_s, rows in rows_by_time.items():
@@ -52,7 +52,7 @@ def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[dict[s
 
 
 def groups_in(videos: Sequence[Frames]) -> list[str]:
-    """Codes of the groups that have videos, in the paper's order."""
+    """Codes of the groups with videos, in the paper's order."""
     found = {v.group for v in videos}
     return [p.group for p in PUBLISHED if p.group in found]
 
@@ -63,15 +63,15 @@ def mean_mm(videos: Sequence[Frames], weight: float) -> float:
 
 
 def closest_time_s(table: Rows, against: Against, horizon_s: float = HORIZON_S) -> float:
-    """The time constant whose baseline errors are nearest to the published ones.
+    """Time constant with the least misfit to the published baseline errors.
 
     Args:
-        table: As made by `sweep`.
-        against: Way to measure.
+        table: Result of `sweep`.
+        against: Reference of the errors.
         horizon_s: Horizon.
 
     Returns:
-        The time constant with the least root mean square of the errors' log ratios.
+        The time constant, seconds; see `misfit`.
     """
     times_s: list[float] = [r["filter_time_s"] for r in table]
     return min(times_s, key=lambda time_s: misfit(table, time_s, against, horizon_s))
@@ -82,16 +82,16 @@ def _of_way(table: Rows, time_s: float, against: Against, horizon_s: float) -> l
 
 
 def misfit(table: Rows, time_s: float, against: Against, horizon_s: float = HORIZON_S) -> float:
-    """By how much the baseline errors of a filter differ from the published ones.
+    """Misfit of a filter's baseline errors to the published ones.
 
     Args:
-        table: As made by `sweep`.
+        table: Result of `sweep`.
         time_s: Time constant.
-        against: Way to measure.
+        against: Reference of the errors.
         horizon_s: Horizon.
 
     Returns:
-        Root mean square over the groups of the natural logarithm of their ratio: 0.1 stands for about 10 %.
+        RMS over the groups of the natural logarithm of the ratio; 0.1 is about 10 %.
     """
     published = {p.group: p.baseline_mm for p in PUBLISHED}
     own = _of_way(table, time_s, against, horizon_s)
@@ -100,14 +100,14 @@ def misfit(table: Rows, time_s: float, against: Against, horizon_s: float = HORI
 
 
 def nearest_at(table: Rows, horizon_s: float) -> list[dict[str, Any]]:
-    """Filters whose baseline errors are nearest to the published ones.
+    """Filters with the least misfit to the published baseline errors.
 
     Args:
-        table: As made by `sweep`.
+        table: Result of `sweep`.
         horizon_s: Horizon.
 
     Returns:
-        For each way to measure the filter, its misfit, and its errors by group; empty without rows of the horizon.
+        For each reference: the filter, its misfit, and its errors by group; empty without rows of the horizon.
     """
     nearest: list[dict[str, Any]] = []
     table = [r for r in table if r["horizon_s"] == horizon_s]
@@ -127,14 +127,14 @@ def nearest_at(table: Rows, horizon_s: float) -> list[dict[str, Any]]:
     return nearest
 
 
-# At this turn the error of a straight forecast is largest: 1.26 times the way.
+# Turn of the largest error of a straight forecast, 1.26 times the path length.
 _LARGEST_TURN_RAD = 4.085
 
 
 def turn_error_m(way_m: float, turn_rad: float) -> float:
-    """Error of a forecast that goes straight on while the person walks an arc.
+    """Error of a straight forecast of a person on an arc.
 
-    With the way s = v T and the turn theta = omega T, the forecast is s along the first direction and the person is at
+    With path length s = v T and turn theta = omega T, the forecast is s in the initial direction, and the person is at
     ``s (exp(i theta) - 1) / (i theta)``.
 
     Args:
@@ -149,14 +149,14 @@ def turn_error_m(way_m: float, turn_rad: float) -> float:
 
 
 def turn_needed_rad(way_m: float, error_m: float) -> float | None:
-    """The turn at which a forecast that goes straight on errs by so much; inverse of `turn_error_m`.
+    """Least turn for a given error of a straight forecast; inverse of `turn_error_m`.
 
     Args:
         way_m: Length of the arc, metres.
         error_m: Error, metres.
 
     Returns:
-        The least such turn in radians, or None where no turn makes the error so large.
+        The turn, radians; None if the error exceeds that of all turns.
     """
     if turn_error_m(way_m, _LARGEST_TURN_RAD) < error_m:
         return None
@@ -164,15 +164,15 @@ def turn_needed_rad(way_m: float, error_m: float) -> float | None:
 
 
 def turns_needed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """For each group: how people walk in the data, and how all would have to turn all the time.
+    """Measured turns of each group, and the constant turn that explains the published baseline error.
 
     Args:
-        rows: As made by `experiments.paper.frames.labelled`.
+        rows: Rows of `experiments.paper.frames.labelled`.
 
     Returns:
-        One row a group. It has the median speed, and how far people turn from one half second to the next (median and
-        95th percentile of the absolute angle over frames). It has the published error of the baseline, too, and the
-        turn in half a second that would cause it at every frame at the median speed (None if none would).
+        One row a group: median speed; turn from one half second to the next (median and 95th percentile of the absolute
+        angle over frames); published error of the baseline; and turn in half a second that would cause this error at
+        the median speed (None if there is none).
     """
     table = []
     for published in PUBLISHED:

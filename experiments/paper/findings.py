@@ -70,7 +70,7 @@ def report(summary: _Row) -> str:
     """All tables of one data set.
 
     Args:
-        summary: As saved in `summary.json`.
+        summary: Content of `summary.json`.
 
     Returns:
         The text.
@@ -195,7 +195,7 @@ def _one_second_table(summary: _Row) -> list[str]:
 
 
 def side_by_side(summaries: Mapping[str, _Row]) -> str:
-    """Every number that the paper prints, beside ours on each data set.
+    """All published numbers beside the reproduced ones on each data set.
 
     Args:
         summaries: Summary of each data set by its name.
@@ -217,7 +217,7 @@ def side_by_side(summaries: Mapping[str, _Row]) -> str:
 
 
 def _beside(p: PublishedGroup) -> dict[str, tuple[str, Callable[[_Row], str]]]:
-    """What the paper prints for a group, or what follows from it; and how the same is written of ours."""
+    """Published or derived value of each quantity of a group, and the format function of the reproduced one."""
     implied = implied_frames(p)
     at_least = "" if implied.most else "at least "
     return {
@@ -238,7 +238,7 @@ def _beside(p: PublishedGroup) -> dict[str, tuple[str, Callable[[_Row], str]]]:
 
 
 def error_plots(summary: _Row) -> list[Plot]:
-    """The mean error by group and method: published, with the validation's filter (two w), and with a slow one.
+    """Mean error by group and method: published, with the validation's filter (two w), and with a slow filter.
 
     Args:
         summary: As saved in `summary.json`.

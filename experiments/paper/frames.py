@@ -29,13 +29,13 @@ RULES: dict[Rule, dict[str, Any]] = {
     "offset removed": {"offset_removed": True},
     "travel direction": {"yaw_from": "travel"},
     "both": {"yaw_from": "travel", "offset_removed": True},
-    # The control: is it the head, or would anything do that does not swing as the filter's velocity does?
+    # Control: tests whether any direction without the swing of the filter's velocity, not the head's, has the effect.
     "waist itself": {"yaw_from": "travel"},
 }
-# The step of a video at 30 frames a second, and of one whose tracker only managed every second frame.
+# Horizon at 30 frames a second, and at the half rate of a slower tracker.
 HORIZONS_S = (HORIZON_S, 2.0 * HORIZON_S)
 POSITION_NOISE_M = 0.01
-# Over a longer gap between frames the filtered position is not known.
+# Longest gap between frames over which the filtered position is interpolated.
 _GAP_S = 0.1
 GROUPS = {p.label: p.group for p in PUBLISHED}
 
@@ -47,7 +47,7 @@ def filter_time_s(acceleration_psd: float, position_noise_m: float = POSITION_NO
     inverse of its natural frequency.
 
     Args:
-        acceleration_psd: Noise density of the acceleration, m^2/s^3.
+        acceleration_psd: Power spectral density of the acceleration, m^2/s^3.
         position_noise_m: Standard deviation of a measurement.
 
     Returns:
@@ -57,19 +57,19 @@ def filter_time_s(acceleration_psd: float, position_noise_m: float = POSITION_NO
 
 
 def acceleration_psd(time_s: float, position_noise_m: float = POSITION_NOISE_M) -> float:
-    """Inverse of `filter_time_s`: noise density in m^2/s^3 that makes a filter so slow."""
+    """Inverse of `filter_time_s`: power spectral density of the acceleration, m^2/s^3."""
     return position_noise_m**2 / FRAME_RATE_HZ / time_s**4
 
 
 @dataclass(frozen=True)
 class FrameJob:
-    """All that the errors on one recording depend on.
+    """Inputs of the errors on one recording.
 
     Attributes:
         recording: Synthetic name or path.
         filter_time_s: Time constant of the position filter, see `filter_time_s`.
-        rules: Which relative yaws to turn by.
-        seed: Seed of the sensor's noise, where the recording has no measured track of its own.
+        rules: Definitions of the relative yaw.
+        seed: Seed of the sensor's noise, for a recording without a measured track.
     """
 
     recording: str
@@ -82,8 +82,8 @@ class FrameJob:
         return key_of(self, recording=recording_hash(self.recording))
 
     def run(self) -> Row:
-        """Labels and, for each horizon, the errors against the filtered and against the true position."""
-        recording, sensor = _seen(self.recording, tuple(recording_hash(self.recording)))
+        """Labels and, for each horizon, the errors relative to the filtered and to the true position."""
+        recording, sensor = _observed(self.recording, tuple(recording_hash(self.recording)))
         labels = {"kind": recording.kind, "subject": recording.labels.subject, "group": recording.labels.group}
         try:
             return labels | _errors(recording, sensor, self)
@@ -99,11 +99,11 @@ class Frames:
 
     Attributes:
         recording: Name.
-        subject: Who walks.
+        subject: Name of the person.
         group: R12, R34 or R56.
-        base_m: Baseline's forecast minus where the head then is, shape (F, 3), metres.
-        turn_m: What w = 1 adds, shape (F, 3), metres.
-        yaw_deg: Relative yaw that the rule turns by, shape (F,), positive to the left; NaN where none is known.
+        base_m: Error of the baseline, forecast minus reference position, shape (F, 3), metres.
+        turn_m: Change of the error for w = 1, shape (F, 3), metres.
+        yaw_deg: Relative yaw of the rule, shape (F,), positive to the left; NaN without a recent orientation.
     """
 
     recording: str
@@ -126,11 +126,11 @@ def labelled(source: str, result: Row) -> Row:
     """A row for `frames_of`.
 
     Args:
-        source: The recording as the user named it.
-        result: What came of its job.
+        source: The recording in the user's words.
+        result: Result of its job.
 
     Returns:
-        Labels and result; labels that are not known are None.
+        Labels and result; unknown labels are None.
     """
     known = {"recording": Path(source).stem, "source": source, "kind": None}
     return known | {"subject": None, "group": None} | result
@@ -139,16 +139,16 @@ def labelled(source: str, result: Row) -> Row:
 def frames_of(
     rows: Sequence[dict[str, Any]], against: Against = "filtered", rule: Rule = "paper", horizon_s: float = HORIZON_S
 ) -> list[Frames]:
-    """The errors of one way to measure them.
+    """Errors by one definition.
 
     Args:
-        rows: As made by `labelled`.
-        against: What a forecast is compared with: the paper's filtered position, or the true one.
-        rule: Which relative yaw the rule turns by.
+        rows: Rows of `labelled`.
+        against: Reference of the errors: the paper's filtered position, or the true one.
+        rule: Definition of the relative yaw.
         horizon_s: One of `HORIZONS_S`.
 
     Returns:
-        One entry a video; those left out or failed, without a known group, or with no frame to score are not there.
+        One entry a video, without those that failed, were left out, or have no known group or no scored frame.
     """
     found = []
     for row in rows:
@@ -166,10 +166,10 @@ def frames_of(
 
 
 @lru_cache(maxsize=2)
-def _seen(name: str, _: tuple[str, ...]) -> tuple[Recording, SensorSpec]:
-    """The recording in the sensor's frame, and the sensor: what a tracker measured where that is recorded."""
+def _observed(name: str, _: tuple[str, ...]) -> tuple[Recording, SensorSpec]:
+    """The recording in the sensor's frame, and the sensor: a recorded tracker if there is one."""
     walk = make_scene(name).walk
-    # Synthetic walks have both: what is true, and what a tracker measured of it.
+    # Synthetic walks have both a true and a measured track.
     sensor = load_sensor("recorded" if walk.measured is not None else "reference")
     return walk, sensor.model_copy(update={"range_min_m": RANGE_M[0], "range_max_m": RANGE_M[1]})
 
@@ -203,7 +203,7 @@ def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str
     true_head, errors = TrueHead(recording), []
     for i, horizon_s in enumerate(HORIZONS_S):
         at_s = times_s + horizon_s
-        scored = _known(times_s, at_s)
+        scored = _has_frame(times_s, at_s)
         then_m = np.stack([np.interp(at_s, times_s, positions_m[:, axis]) for axis in range(3)], axis=-1)
         errors.append(
             {
@@ -222,13 +222,13 @@ def _errors(recording: Recording, sensor: SensorSpec, job: FrameJob) -> dict[str
 
 
 def _plain(values_m: FloatArray) -> list[list[float]]:
-    """As nested lists, to a tenth of a micrometre, which keeps the files small."""
+    """Nested lists, rounded to a tenth of a micrometre for smaller files."""
     rounded: list[list[float]] = np.round(values_m, 7).tolist()
     return rounded
 
 
 def _walk(true_head: TrueHead, times_s: FloatArray) -> dict[str, Any]:
-    """Speed and turn of the walk itself: from one half second to the next, horizontally."""
+    """Horizontal speed and turn of the true path, from one half second to the next."""
     middle_s = times_s[(times_s >= times_s[0] + HORIZON_S) & (times_s <= times_s[-1] - HORIZON_S)]
     if not middle_s.size:
         return {"speed_m_s": [], "turn_deg": []}
@@ -240,8 +240,8 @@ def _walk(true_head: TrueHead, times_s: FloatArray) -> dict[str, Any]:
     }
 
 
-def _known(times_s: FloatArray, at_s: FloatArray) -> NDArray[np.bool_]:
-    """At which of the times, shape (F,), the person was seen, or just before and just after."""
+def _has_frame(times_s: FloatArray, at_s: FloatArray) -> NDArray[np.bool_]:
+    """Mask, shape (F,), of the times with an observation, or with one closely before and one closely after."""
     after = np.clip(np.searchsorted(times_s, at_s - 1e-6), 1, times_s.size - 1)
     gap_s = times_s[after] - times_s[after - 1]
     at_frame = np.abs(times_s[after] - at_s) <= 1e-6

@@ -1,4 +1,4 @@
-"""What the paper prints, and what its statistics imply about the number of frames."""
+"""Published results, and the numbers of frames that the statistics imply."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ STEPS_AHEAD = 15
 FRAME_RATE_HZ = 30.0
 HORIZON_S = STEPS_AHEAD / FRAME_RATE_HZ
 RANGE_M = (0.5, 5.46)
-# Printed as it is; neither can hold for a weight in [0, 1].
+# As printed; impossible for a weight in [0, 1].
 W_MEAN = 7.51
 W_SD = 0.36
-# What may have been meant: a slipped point, or steps of the 15.
+# Possible readings: a shifted decimal point, or steps of the 15.
 W_READINGS = (0.751, round(W_MEAN / STEPS_AHEAD, 2))
 
 
@@ -28,10 +28,10 @@ class PublishedGroup:
 
     Attributes:
         group: Code of the routes.
-        label: The same group in our labels.
+        label: Group label in this project.
         baseline_mm: Mean error of the Kalman forecast.
         proposed_mm: Mean error of the forecast bent by the head's yaw.
-        statistic: Of the one-tailed Wilcoxon signed-rank test.
+        statistic: Statistic of the one-tailed Wilcoxon signed-rank test.
         p_value: Its p value.
         p_digits: Significant digits of the p value as printed.
     """
@@ -54,16 +54,16 @@ PUBLISHED = (
 
 @dataclass(frozen=True)
 class ImpliedFrames:
-    """The numbers of frames with which a statistic has a p value, by the normal approximation.
+    """Numbers of frames consistent with a statistic and its p value, by the normal approximation.
 
     Attributes:
         fewest: Smallest number.
-        most: Largest number; None where every larger one the search looked at does as well.
-        effect: Rank-biserial correlation that the statistic stands for (1: better at every frame, -1: worse), at the
-            smallest number of frames and at the largest; where there is no largest one, at 100 a video.
-        worse_p_value: One-tailed p value of the opposite claim, that the baseline errs less, at the smallest number.
-        thinned_p_value: p value if only every `STEPS_AHEAD`-th frame counts, as frames whose horizons overlap are not
-            independent; NaN where `most` is None, as nothing is pinned down then.
+        most: Largest number; None if all larger numbers in the search are consistent.
+        effect: Rank-biserial correlation (1: better at every frame, -1: worse) at the smallest and the largest number,
+            or at 100 a video without a largest one.
+        worse_p_value: One-tailed p value of the opposite hypothesis, a smaller baseline error, at the smallest number.
+        thinned_p_value: p value with every `STEPS_AHEAD`-th frame only, as overlapping horizons are not independent;
+            NaN if `most` is None.
     """
 
     fewest: int
@@ -74,7 +74,7 @@ class ImpliedFrames:
 
     @property
     def per_video(self) -> float:
-        """Frames in each of the group's 28 videos; of the smallest number where there is no largest one."""
+        """Frames in each of the group's 28 videos; from the smallest number if there is no largest one."""
         return 0.5 * (self.fewest + (self.most or self.fewest)) / VIDEOS_PER_GROUP
 
 
@@ -92,20 +92,20 @@ def signed_rank_z(statistic: float, n: Any) -> Any:
 
 
 def implied_frames(published: PublishedGroup, most: int = 6000) -> ImpliedFrames:
-    """Turn a printed statistic and p value round into the number of frames.
+    """Infer the number of frames from a printed statistic and p value.
 
-    The positive ranks' sum must lie within 0 and n (n + 1) / 2, and the one-tailed p value must round to what is
-    printed.
+    The sum of the positive ranks must be between 0 and n (n + 1) / 2, and the one-tailed p value must round to the
+    printed one.
 
     Args:
         published: Statistic and p value.
-        most: Largest number that is looked at.
+        most: Upper end of the search.
 
     Returns:
-        The numbers of frames that fit.
+        The consistent numbers of frames.
 
     Raises:
-        ValueError: If none does.
+        ValueError: If there is none.
     """
     fits = _fitting(published, most)
     if not fits:
@@ -113,7 +113,7 @@ def implied_frames(published: PublishedGroup, most: int = 6000) -> ImpliedFrames
     fewest = fits[0]
     open_ended = fits[-1] == most
     largest = 100 * VIDEOS_PER_GROUP if open_ended else fits[-1]
-    # All standardised differences shrink with the square root of the independent share.
+    # z scales with the square root of the share of independent frames.
     thinned = signed_rank_z(published.statistic, 0.5 * (fewest + largest)) / math.sqrt(STEPS_AHEAD)
     return ImpliedFrames(
         fewest,

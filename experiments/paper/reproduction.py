@@ -40,16 +40,16 @@ YAW_WEIGHT = W_READINGS[1]
 
 
 def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int, trials: int) -> dict[str, Any]:
-    """Validate the two forecasts as the paper does, and look for what makes its figures.
+    """Validate the two forecasts by the paper's method, and search for causes of its errors.
 
     Args:
-        rows_by_time: For each time constant of the filter the rows of `experiments.paper.frames.labelled`.
-        filter_time_s: The filter of the validation; one of the keys.
+        rows_by_time: Rows of `experiments.paper.frames.labelled` by time constant of the filter.
+        filter_time_s: Time constant of the validation; one of the keys.
         seed: Seed of the tuning.
-        trials: Optuna's trials for each subject left out.
+        trials: Optuna trials for each subject left out.
 
     Returns:
-        Plain data, ready to be saved.
+        JSON-serialisable values.
 
     Raises:
         GazempcError: If there are fewer than two subjects.
@@ -97,7 +97,7 @@ def analyse(rows_by_time: Mapping[float, Rows], filter_time_s: float, seed: int,
 
 
 def _validated(judged: Sequence[Judged]) -> dict[str, Any]:
-    """Means over frames, the tests over people, and the weights."""
+    """Means over frames, tests over people, and weights."""
     return {"groups": _groups(judged), **_weights(judged), "people": _person_tests(judged)}
 
 
@@ -110,7 +110,7 @@ def _groups(judged: Sequence[Judged]) -> list[dict[str, Any]]:
         people = [j.subject for j in own for _ in j.baseline_mm]
         row: dict[str, Any] = {"group": published.group, "n_videos": len(own), "n_people": len(set(people))}
         for name in ("baseline_mm", "proposed_mm"):
-            # As in the paper every frame weighs the same; people are the independent draws.
+            # Frames have equal weight, as in the paper; the bootstrap resamples people.
             row |= with_interval(name, np.concatenate([getattr(j, name) for j in own]).tolist(), people)
         test = frame_test(own)
         rows.append({**row, "wilcoxon_statistic": test.pop("statistic"), **test})
@@ -130,7 +130,7 @@ def _person_tests(judged: Sequence[Judged]) -> list[dict[str, Any]]:
 
 
 def _yaw(rows: Rows) -> dict[str, Any]:
-    """How far people's heads point aside on straight routes, and what that costs with w = 0.5."""
+    """Offset of the head's yaw on straight routes, and its effect on the error with w = 0.5."""
     straight = [v for v in frames_of(rows) if v.group == "R12"]
     people, offset_deg, cost_mm = [], [], []
     for person in sorted({v.subject for v in straight}):
@@ -189,7 +189,7 @@ def _validate(settings: PaperSettings) -> dict[str, Row]:
 
 
 def _folder_names(words: Sequence[str]) -> dict[str, str]:
-    """A short name for each data set, each its own."""
+    """A distinct short name for each data set."""
     stems = {word: Path(word).resolve().name if word != "synthetic" else word for word in words}
     counts = Counter(stems.values())
     return {w: s if counts[s] == 1 else f"{s}_{i}" for i, (w, s) in enumerate(stems.items())}
@@ -231,15 +231,15 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
 def _rows(recordings: Sequence[str], folder: Path, settings: PaperSettings) -> dict[float, list[dict[str, Any]]]:
     times_s = sorted({*filters.FILTER_TIMES_S, settings.filter_time_s})
     with_all_rules = {settings.filter_time_s, filters.SLOW_TIME_S}
-    # Recording by recording, so that a worker reads each file once.
-    asked = [(name, time_s) for name in recordings for time_s in times_s]
+    # Ordered by recording: a worker reads each file once.
+    requests = [(name, time_s) for name in recordings for time_s in times_s]
     jobs = [
         FrameJob(in_place(name), time_s, tuple(RULES) if time_s in with_all_rules else ("paper",), settings.seed)
-        for name, time_s in asked
+        for name, time_s in requests
     ]
     with Engine(folder / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
-    rows = [labelled(name, result) for (name, _), result in zip(asked, results, strict=True)]
+    rows = [labelled(name, result) for (name, _), result in zip(requests, results, strict=True)]
     return {time_s: rows[i :: len(times_s)] for i, time_s in enumerate(times_s)}
 
 

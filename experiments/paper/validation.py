@@ -1,4 +1,4 @@
-"""The paper's test over frames, and the test over people that independent pairs ask for."""
+"""The paper's test over frames, and a test over people, whose pairs are independent."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from gazempc.types import FloatArray
 
 @dataclass(frozen=True)
 class Judged:
-    """Errors on one video of a person on whom w was not tuned.
+    """Out-of-sample errors on one video: w tuned on other people.
 
     Attributes:
         recording: Name.
-        subject: Who walks.
+        subject: Name of the person.
         group: R12, R34 or R56.
-        weight: w tuned on the others.
+        weight: w tuned on the other people.
         baseline_mm: Error of the baseline at each frame, shape (F,).
         proposed_mm: Error of the proposed forecast, shape (F,).
     """
@@ -41,7 +41,7 @@ class Judged:
 
 
 def tune_weight(videos: Sequence[Frames], seed: int, trials: int, balanced: bool = False) -> float:
-    """Tune w in [0, 1] with Optuna's tree of Parzen estimators, in this process alone.
+    """Tune w in [0, 1] with Optuna's tree-structured Parzen estimator, in this process.
 
     The paper's objective is the sum of the errors over all frames of all videos.
 
@@ -49,11 +49,11 @@ def tune_weight(videos: Sequence[Frames], seed: int, trials: int, balanced: bool
         videos: Training videos.
         seed: Seed of the sampler.
         trials: Number of trials.
-        balanced: Whether each group of routes counts alike, however many frames it has. The paper's groups have equal
-            numbers of videos; those of other data need not.
+        balanced: Whether groups of routes have equal weight, independent of their numbers of frames. The paper's groups
+            have equal numbers of videos.
 
     Returns:
-        The best w found; the same for the same arguments.
+        The best w found; deterministic.
     """
     import optuna  # noqa: PLC0415
 
@@ -69,7 +69,7 @@ def tune_weight(videos: Sequence[Frames], seed: int, trials: int, balanced: bool
 
 
 def _stacked(videos: Sequence[Frames], balanced: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """All frames' errors, what w = 1 adds, and what each frame counts."""
+    """Errors of all frames, their change for w = 1, and the frames' weights."""
     base_m, turn_m = (np.concatenate([getattr(v, name) for v in videos]) for name in ("base_m", "turn_m"))
     if not balanced:
         return base_m, turn_m, np.ones(len(base_m))
@@ -80,9 +80,9 @@ def _stacked(videos: Sequence[Frames], balanced: bool) -> tuple[FloatArray, Floa
 
 
 def exact_weight(videos: Sequence[Frames], balanced: bool = False) -> float:
-    """The w in [0, 1] that minimises the sum of the errors, or the mean over groups of their mean errors.
+    """Minimiser in [0, 1] of the sum of the errors, or of the mean over groups of their mean errors.
 
-    A sum of distances that are each linear in w is convex, so a bounded search finds its one minimum.
+    A sum of norms of functions affine in w is convex, so a bounded search finds the global minimum.
 
     Args:
         videos: Training videos.
@@ -101,12 +101,12 @@ def exact_weight(videos: Sequence[Frames], balanced: bool = False) -> float:
 
 
 def leave_one_subject_out(videos: Sequence[Frames], seed: int, trials: int, balanced: bool = False) -> list[Judged]:
-    """Judge each subject's videos with the w tuned on all other subjects.
+    """Errors on each subject's videos with the w tuned on all other subjects.
 
     Args:
         videos: All videos.
-        seed: Seed of the samplers; each subject's is drawn from it.
-        trials: Trials a subject.
+        seed: Seed from which each subject's sampler is seeded.
+        trials: Number of trials a subject.
         balanced: See `tune_weight`.
 
     Returns:
@@ -127,28 +127,28 @@ def leave_one_subject_out(videos: Sequence[Frames], seed: int, trials: int, bala
 
 
 def judge(video: Frames, weight: float) -> Judged:
-    """The errors on a video without the rule, and with it at a weight."""
+    """Errors on a video without the rule, and with the rule at a weight."""
     return Judged(video.recording, video.subject, video.group, weight, video.error_mm(0.0), video.error_mm(weight))
 
 
-ZERO_METHOD: Final = "wilcox"  # frames without any difference say nothing and are dropped
-ALTERNATIVE: Final = "greater"  # the baseline's errors are the greater ones
+ZERO_METHOD: Final = "wilcox"  # zero differences are dropped
+ALTERNATIVE: Final = "greater"  # alternative hypothesis: greater errors of the baseline
 _RESAMPLES = 10_000
-# Drawn from fewer people, the ends of an interval would be the smallest and the largest of them.
+# Least number of people for a bootstrap interval; with fewer, its ends would be the extremes.
 _FEWEST_FOR_INTERVAL = 5
 _SEED = 20210603
 
 
 def frame_test(videos: Sequence[Judged]) -> dict[str, Any]:
-    """One-tailed Wilcoxon signed-rank test over frames, each taken for an independent pair as in the paper.
+    """One-tailed Wilcoxon signed-rank test over frames, treated as independent pairs as in the paper.
 
     Args:
         videos: The group's videos.
 
     Returns:
-        ``statistic``, the sum of the ranks of frames at which the baseline errs more; ``p_value`` of "the baseline errs
-        more" by the normal approximation; ``p_value_thinned``, the same of every 15th frame of each video only, the
-        median over the 15 ways to begin; ``n_frames``, and ``n_used`` of them, which have a difference. NaN is None.
+        ``statistic``, the rank sum of frames with a larger baseline error; ``p_value`` of "the baseline error is
+        larger" by the normal approximation; ``p_value_thinned``, the same with every 15th frame of each video, median
+        over the 15 offsets; ``n_frames``, and ``n_used``, those with a nonzero difference. None for NaN.
     """
     baseline, proposed = (np.concatenate([getattr(v, name) for v in videos]) for name in ("baseline_mm", "proposed_mm"))
     statistic, p_value = _over_frames(baseline, proposed)
@@ -168,25 +168,25 @@ def frame_test(videos: Sequence[Judged]) -> dict[str, Any]:
 
 
 def person_test(videos: Sequence[Judged]) -> dict[str, Any]:
-    """Exact test with one pair a person: mean errors over that person's frames in the group.
+    """Exact signed-rank test with one pair a person, the mean errors over the person's frames in the group.
 
     Args:
         videos: The group's videos.
 
     Returns:
-        Numbers of people, ``n_people``, and of those with a difference, ``n_used``; ``statistic``, the sum of the ranks
-        of people for whom the baseline errs more; exact p values, one-tailed of "the proposed forecast errs less"
-        (``p_better``) and of "it errs more" (``p_worse``), and ``p_two_sided``; ``smallest_p``, the smallest one-tailed
-        p value that so many people with a difference can give. ``difference_mm`` is the mean over people of proposed
-        minus baseline, ``effect`` the matched-pairs rank-biserial correlation (1 if the proposed errs less for
-        all people, -1 if more), each with a bootstrap interval over people, None with fewer than five. NaN is None.
+        Numbers of people, ``n_people``, and of those with a nonzero difference, ``n_used``; ``statistic``, the rank sum
+        of people with a larger baseline error; exact p values, one-tailed for a smaller (``p_better``) and a larger
+        (``p_worse``) error of the proposed forecast, and ``p_two_sided``; ``smallest_p``, the least one-tailed p value
+        attainable with ``n_used`` people. ``difference_mm`` is the mean over people of proposed minus baseline,
+        ``effect`` the matched-pairs rank-biserial correlation (1 if the proposed error is smaller for all people, -1 if
+        larger), each with a bootstrap interval over people, None with fewer than five. None for NaN.
     """
     people = sorted({v.subject for v in videos})
     gains = [
         np.concatenate([v.baseline_mm - v.proposed_mm for v in videos if v.subject == person]).mean()
         for person in people
     ]
-    # Beyond a picometre differences are rounding, and would break ties by the order of the frames.
+    # Rounded to a picometre: smaller differences are rounding errors and would break ties arbitrarily.
     gain_mm = np.round(gains, 9)
     n = len(people)
     several = n >= _FEWEST_FOR_INTERVAL
@@ -220,8 +220,8 @@ def _over_frames(baseline_mm: FloatArray, proposed_mm: FloatArray) -> tuple[floa
 
 
 def _exact_p_values(gain_mm: FloatArray) -> tuple[float, float, float]:
-    # The tables of the exact test know no ties; with some, all ways to give out the signs are gone through, or of more
-    # than 20 people a million.
+    # The exact distribution assumes no ties; with ties, a permutation test over all sign patterns, or over a million of
+    # them for more than 20 people.
     ties = np.unique(np.abs(gain_mm)).size < gain_mm.size
 
     def p_value(alternative: Literal["greater", "less", "two-sided"]) -> float:
@@ -234,8 +234,8 @@ def _exact_p_values(gain_mm: FloatArray) -> tuple[float, float, float]:
 
 
 def _rank_biserial(gains: FloatArray) -> FloatArray:
-    """Matched-pairs rank-biserial correlation of each row without its zeros, shape (R,) (Kerby 2014); 0 if all are."""
-    # Zeros take the lowest ranks, so that without them all others move down by their number.
+    """Matched-pairs rank-biserial correlation of each row without zeros, shape (R,) (Kerby 2014); 0 if all are zero."""
+    # Zeros have the lowest ranks: without them the other ranks decrease by their number.
     zeros = (gains == 0.0).sum(axis=1, keepdims=True)
     ranks = np.where(gains == 0.0, 0.0, rankdata(np.abs(gains), axis=1) - zeros)
     return np.asarray((ranks * np.sign(gains)).sum(axis=1) / np.maximum(ranks.sum(axis=1), 1.0))

@@ -33,9 +33,9 @@ from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene, SceneSettings, make_scene
 
 _RATE_HZ = 30.0
-# Conversation is held at such a distance.
+# Position at the distance of a conversation.
 _AT_M = (2.5, 0.0, 0.3)
-# Two people 20 to 77 deg apart; the second is wanted from this time on, and the run goes on for so long.
+# Positions of two people, 20 to 77 deg apart; time of the switch to the second one, and duration of the run.
 _TWO_M = (
     ((2.5, 0.45, 0.3), (2.5, -0.45, 0.3)),
     ((2.4, 1.0, 0.3), (2.6, -1.0, 0.3)),
@@ -45,10 +45,10 @@ _WANTED_FROM_S, _SWITCHING_S = 2.0, 6.0
 
 
 class SecondLater:
-    """A policy that chooses the first person, and from a time on the second.
+    """Policy that switches from the first person to the second.
 
     Args:
-        from_s: That time, seconds.
+        from_s: Time of the switch, seconds.
     """
 
     def __init__(self, from_s: float) -> None:
@@ -64,12 +64,12 @@ class SecondLater:
 
 
 def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> gz.Log:
-    """A person stands, and the robot looks away now and then.
+    """Simulate a conversation with a standing person, with looks away.
 
     Args:
         controller: Name of the controller.
-        rhythm: When it looks away.
-        seconds: For how long.
+        rhythm: Schedule of the looks away.
+        seconds: Duration.
         neck: Name of the neck.
 
     Returns:
@@ -80,15 +80,15 @@ def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> gz
 
 
 def switches(controller: str, seeds: int, neck: str) -> list[tuple[gz.Log, float]]:
-    """Two people stand, and the second is looked at later.
+    """Simulate gaze switches between two standing people.
 
     Args:
         controller: Name of the controller.
-        seeds: Of the sensor's errors; how many for each pair of places.
+        seeds: Number of seeds of the sensor's errors for each pair of places.
         neck: Name of the neck.
 
     Returns:
-        For each run its log, and the least time in which its neck could be in contact after the switch, seconds.
+        Log of each run, and the minimum time from the switch to contact, seconds.
     """
     settings = ReplaySettings(
         attend=f"{__name__}:{SecondLater.__name__}",
@@ -106,11 +106,11 @@ def switches(controller: str, seeds: int, neck: str) -> list[tuple[gz.Log, float
 
 
 def least_time_s(neck: gz.NeckSpec, angle_deg: float) -> float:
-    """The least time until a pan from rest is in contact: the fastest motion that the limits allow, dead time and lag.
+    """Minimum time to contact of a pan from rest: time-optimal motion within the limits, plus dead time and lag.
 
     Args:
         neck: The neck.
-        angle_deg: How far off the person is, degrees.
+        angle_deg: Angle to the person, degrees.
 
     Returns:
         Seconds.
@@ -141,18 +141,18 @@ def _scene(neck: str, seconds: float, *places_m: tuple[float, float, float]) -> 
     return replace(people[0], others=tuple(each.walk for each in people[1:]))
 
 
-# Part of a folder's name: of an engaged person, and of one who is not engaged.
+# Parts of folder names that label engaged and disengaged people.
 _ENGAGED, _NOT = "eng", "dis"
 
 
 class Decided(NamedTuple):
-    """Times over all faces of bags, seconds.
+    """Engagement decisions, summed over all faces of the bags.
 
     Attributes:
         faces: Number of faces.
-        right_s: Decided as the name of the bag states.
-        wrong_s: Decided otherwise.
-        undecided_s: Not decided.
+        right_s: Time with the decision of the label, seconds.
+        wrong_s: Time with the opposite decision.
+        undecided_s: Time without a decision.
     """
 
     faces: int
@@ -165,7 +165,7 @@ def decided(folder: Path) -> Decided:
     """Estimate the engagement of all faces on the bags of a folder.
 
     Args:
-        folder: Folder of bags, whose names state the truth: ``eng`` for engaged, ``dis`` for not.
+        folder: Folder of bags, labelled by ``eng`` (engaged) or ``dis`` in their names.
 
     Returns:
         Times over all faces.
@@ -194,20 +194,20 @@ def _decided(walk: gz.Recording, truth: bool) -> tuple[float, float, float]:
     return found_s[True], found_s[False], found_s[None]
 
 
-# The neck has acquired the person by then, and all walks last longer than the look away and a second.
+# Start, after acquisition of the person, and duration of the look away; all walks are at least 1 s longer.
 _START_S, _LASTS_S = 1.6, 1.4
 
 
 def return_late_s(controller: str, every: int, neck: str) -> list[float]:
-    """One look away from each synthetic person who walks past.
+    """Delay of the return to each synthetic walking person after one look away.
 
     Args:
         controller: Name of the controller.
-        every: One of so many walks.
+        every: Stride in the list of walks.
         neck: Name of the neck.
 
     Returns:
-        Delay of the contact behind the plan, seconds, for each walk; infinite without contact.
+        Delay of contact relative to the schedule, seconds, for each walk; infinite without contact.
     """
     found = []
     for seed, name in enumerate(synthetic_names()[::every]):
@@ -227,13 +227,13 @@ def _returns(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
     return [controller, neck, *shown, str(ms.size), str(int(np.isinf(ms).sum()))]
 
 
-# Long enough for a dozen looks away.
+# Duration of about a dozen looks away.
 _TALK_S = 60.0
 _SWITCH_SEEDS = 5
 
 
 def engaged_table(folder: Path) -> str:
-    """Share of the time for which engagement was decided on the bags of a folder, and share of that decided rightly."""
+    """Coverage of the engagement decisions on the bags of a folder, and their accuracy."""
     found = decided(folder)
     known_s = found.right_s + found.wrong_s
     shares = [f"{100.0 * known_s / (known_s + found.undecided_s):.0f}", f"{100.0 * found.right_s / known_s:.0f}"]
@@ -242,10 +242,10 @@ def engaged_table(folder: Path) -> str:
 
 
 def return_table(every: int) -> str:
-    """Delay of the contact after looks away from a standing person, and after one from each walker.
+    """Delay of contact after looks away, from a standing person and from each walking person.
 
     Args:
-        every: One of so many synthetic walks.
+        every: Stride in the list of synthetic walks.
     """
     head = ["controller", "neck", "median after plan [ms]"]
     stand = []
@@ -262,7 +262,7 @@ def return_table(every: int) -> str:
 
 
 def switch_table() -> str:
-    """Excess time to contact, and overshoot, of switches between two people who stand."""
+    """Excess time to contact, and overshoot, of switches between two standing people."""
     rows = []
     for controller in ("reactive", "lookahead", "mpc"):
         found = [(measure_attention(log), least_s) for log, least_s in switches(controller, _SWITCH_SEEDS, "reference")]

@@ -1,1 +1,1 @@
-"""Control laws that robots and cameras run, in one simulation with ours. May import experiments.engine."""
+"""Control laws of existing robots and cameras, in one simulation with this project's. May import experiments.engine."""

@@ -29,7 +29,7 @@ from gazempc.results.page.content import PageTable
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
 
-# Seven people, each straight past and in a sharp turn, and a turn: half the set, which takes some ten minutes.
+# Seven people on a straight route, in a sharp turn and in a turn: half of the set, which takes about ten minutes.
 SYNTHETIC = tuple(f"subject{person:02}_{route}" for person in range(1, 8) for route in ("R1", "R4", "R5"))
 STANDING = tuple(f"subject{person:02}_stand" for person in range(1, 8))
 _WRONG_TRIALS = ("pass_2.5m", TURNS)
@@ -64,13 +64,13 @@ class RivalsSettings(WorkSettings):
 
 
 def rivals(**settings: Any) -> list[Row]:
-    """Compare rivals.
+    """Compare control laws.
 
     Args:
         **settings: Any of `RivalsSettings`, such as ``necks=["reachy_mini"], rivals=["reachy_mini", "mpc"]``.
 
     Returns:
-        Rows as of `experiments.rivals.plan.summarise`.
+        Rows of `experiments.rivals.plan.summarise`.
 
     Raises:
         GazempcError: On bad input, before anything runs.
@@ -95,7 +95,7 @@ def _jobs(settings: RivalsSettings) -> list[RivalJob]:
 
 
 def _done(settings: RivalsSettings) -> tuple[list[Row], list[Row], int]:
-    """Runs with figures, those that failed, and how many were left out."""
+    """Runs with metrics, failed runs, and number of left-out ones."""
     jobs = [replace(job, walker=settings.walker) for job in _jobs(settings)]
     with Engine(settings.out / "runs", settings.jobs, settings.dask, unit="run") as engine:
         runs = plan.labelled(jobs, engine.run(jobs))

@@ -40,11 +40,11 @@ from gazempc.sim.sensing.tables import FieldOfView
 VIEW_DEG = (60.0, 34.0)
 OURS, POINT = "gazempc", "gazempc, point"
 LAWS = ("frigate", "autoptz", "pixel_pid", "op3")
-# All aim at the middle of the picture, so the zone is there.
+# Centred zone: all laws aim at the centre of the image.
 FRAMING = gz.Framing(headroom=0.5, lead_room=0.0)
 FIGURES = ("time_in_zone", "rms_acceleration_rad_s2", "reversals_per_min", "travel_deg_per_min", "time_to_reacquire_s")
 _LEVEL = 0.01  # of the time in zone
-# Free constants that are tried: cameras are faster than necks, and a share of their top speed is enough.
+# Candidate constants: cameras are faster than necks, and a share of their top speed suffices.
 _TRIED: Mapping[str, tuple[dict[str, float], ...]] = {
     "autoptz": tuple({"speed_scale": scale} for scale in (0.125, 0.25, 0.5, 1.0)),
     "op3": tuple({"detection_period_s": period_s} for period_s in (1.0 / 30.0, 0.2, 0.4)),
@@ -53,13 +53,13 @@ _TRIED: Mapping[str, tuple[dict[str, float], ...]] = {
 
 @dataclass(frozen=True)
 class Device:
-    """A camera: what it takes, how late it moves, and how late its picture is.
+    """A pan-tilt camera: speeds and delays.
 
     Attributes:
-        pan_deg_s: Its pan speeds, slowest first.
-        tilt_deg_s: Its tilt speeds up; down it is a tenth slower.
-        dead_time_s: From a command to its motion.
-        latency_s: From the scene to the detection.
+        pan_deg_s: Pan speeds, ascending.
+        tilt_deg_s: Upward tilt speeds; downward they are 10 % lower.
+        dead_time_s: From command to motion.
+        latency_s: From scene to detection.
     """
 
     pan_deg_s: tuple[float, ...]
@@ -68,7 +68,7 @@ class Device:
     latency_s: float
 
     def neck(self, name: str) -> gz.NeckSpec:
-        """Its neck file: range, servo and acceleration of `ptz`, without encoders."""
+        """Neck model: range, servo and acceleration of `ptz`, without encoders."""
         neck = gz.load_neck("ptz")
         axes = {}
         for joint, speeds, share in (("pan", self.pan_deg_s, 1.0), ("tilt", self.tilt_deg_s, 0.9)):
@@ -79,12 +79,12 @@ class Device:
         return neck.model_copy(update={"name": name, "reports_joints": False, "head_view_deg": VIEW_DEG, **axes})
 
     def sensor(self) -> gz.SensorSpec:
-        """The sensor `face_camera` on the head, as late as the pictures are."""
+        """The sensor `face_camera` on the head, with the latency of the images."""
         view = FieldOfView(on="head", horizontal_deg=VIEW_DEG[0], vertical_deg=VIEW_DEG[1])
         return gz.load_sensor("face_camera").model_copy(update={"latency_s": self.latency_s, "view": view})
 
 
-# Speeds: `docs/ptz.md` has the sources. The delays are ours: 0.6, 0.25 and 1.2 s in all.
+# Speeds: sources in `docs/ptz.md`. Delays are assumptions: 0.6, 0.25 and 1.2 s in all.
 _CHEAP = (*np.linspace(1.0, 6.0, 12), 9.0, 15.0, 19.0, 25.0, 32.0, 40.0, 50.0, 60.0, 72.0, 86.0, 102.0, 120.0)
 _ONVIF = tuple(175.0 * np.interp(np.arange(1, 11) / 10.0, (0.1, 0.5, 1.0), (0.056, 0.146, 0.204)))
 DEVICES = {
@@ -107,16 +107,16 @@ class FramingSettings(WorkSettings):
 
 @dataclass(frozen=True)
 class FramingJob(RivalJob):
-    """One law before one person: who walks and comes to stand, or only stands.
+    """One law with one person, who walks and then stands, or only stands.
 
     Attributes:
-        framing: Zone of the picture, and ours' settings.
+        framing: Zone of the image, a setting of this project's controllers, too.
     """
 
     framing: gz.Framing = FRAMING
 
     def run(self) -> Row:
-        """The subject and `FIGURES`; None for what a run does not have."""
+        """Subject and `FIGURES`; None if undefined."""
         log = self.log(make_trial(self.trial, self.recording))
         metrics = gz.measure(log).as_dict()
         return {"subject": log.run.subject, **without_nan({name: metrics[name] for name in FIGURES})}
@@ -152,13 +152,13 @@ def _jobs(settings: FramingSettings) -> list[FramingJob]:
 
 
 def summarise(runs: Sequence[Row]) -> list[Row]:
-    """Means over clips with intervals over people, of each law at its best constants.
+    """Means over clips with intervals over people, for each law at its best constants.
 
     Args:
         runs: Runs with ``device``, ``law``, ``constants``, ``subject`` and `FIGURES`.
 
     Returns:
-        A row for each device and law: labels, ``n_clips``, `FIGURES` and their intervals under ``<name>_ci95``.
+        One row a device and law: labels, ``n_clips``, `FIGURES` and their intervals under ``<name>_ci95``.
     """
     rows = []
     for here in grouped(runs, "device", "law").values():
@@ -179,7 +179,7 @@ def _means(runs: Sequence[Row]) -> Row:
 
 
 def _verdicts(rows: Sequence[Row]) -> Iterator[str]:
-    """Where ours is worse than a rival, then the goal of each device."""
+    """Metrics in which a rival is better, then the goal for each device."""
     reached = []
     for ours in (row for row in rows if row["law"] == OURS):
         for other in (row for row in rows if row["device"] == ours["device"] and row["law"] in LAWS):
@@ -206,7 +206,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def plots_of(rows: Sequence[Row]) -> list[Plot]:
-    """Time in zone against acceleration, then against reversals, a plot for each device."""
+    """Time in zone against acceleration, then against reversals, one plot a device."""
     plots = []
     axes = {"rms_acceleration_rad_s2": "RMS acceleration (rad/s$^2$)", "reversals_per_min": "reversals a minute"}
     for x, label in axes.items():

@@ -1,4 +1,4 @@
-"""One rival, or one of ours, in one trial: a job of the engine."""
+"""One controller, a rival or one of this project, in one trial, as a job."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 
 _RATE_HZ = 200.0
-# Frigate accepts no calibration that takes longer.
+# Maximum duration of a calibration in Frigate.
 _PATIENCE_S = 600.0
 
 
@@ -34,10 +34,10 @@ def make_rival(name: str, robot_neck: gz.NeckSpec, neck: gz.NeckSpec, camera: He
 
     Args:
         name: One of `RIVALS`.
-        robot_neck: The simulated neck; a calibration is made on it.
-        neck: The rival's model of it.
+        robot_neck: The simulated neck, on which a calibration runs.
+        neck: The rival's model of the neck.
         camera: The rival's model of the camera.
-        constants: Keywords of the rival.
+        constants: Keyword arguments of the rival.
 
     Returns:
         The rival.
@@ -48,17 +48,17 @@ def make_rival(name: str, robot_neck: gz.NeckSpec, neck: gz.NeckSpec, camera: He
     return law(neck, camera, **constants)
 
 
-# A trial asks again for the same neck. Safe: what goes in and comes out does not change.
+# Cached for repeated calls of a trial; arguments and result are immutable.
 @lru_cache(maxsize=16)
 def calibrate(neck: gz.NeckSpec, camera: HeadCamera) -> MoveTime | None:
-    """Let a camera make Frigate's thirty moves, and fit their times.
+    """Simulate Frigate's calibration, thirty moves, and fit their durations.
 
     Args:
-        neck: What moves.
-        camera: The camera on it; moves are in halves of its field of view.
+        neck: The simulated neck.
+        camera: The camera on the neck, whose field of view is the unit of the moves.
 
     Returns:
-        The fit; None if Frigate would not accept it.
+        The fit; None if Frigate would reject it.
     """
     law = FrigateCalibration(neck, camera)
     driven, now_s = driven_by(neck, law.command), 0.0
@@ -85,10 +85,10 @@ FIGURES = (*ANSWERS, *GAZES)
 
 
 def check_names(what: str, names: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a name that is not known.
+    """Check that all names are known.
 
     Raises:
-        SettingsError: It names the nearest known name, and all of them.
+        SettingsError: If one is not, with the nearest known name and all of them.
     """
     for name in names:
         if name not in known:
@@ -97,12 +97,12 @@ def check_names(what: str, names: Sequence[str], known: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class ModelError:
-    """Errors of a law's model of robot and camera.
+    """Mismatch of a law's model of robot and camera.
 
     Attributes:
-        dead_time_scale: Believed dead time over the true one.
-        servo_scale: Believed natural frequency of the servo over the true one.
-        latency_error_s: Believed latency of the camera less the true one, seconds; stamps are wrong by as much.
+        dead_time_scale: Modelled over true dead time.
+        servo_scale: Modelled over true natural frequency of the servo.
+        latency_error_s: Modelled minus true latency of the camera, seconds; time stamps have the opposite error.
     """
 
     dead_time_scale: float = 1.0
@@ -110,7 +110,7 @@ class ModelError:
     latency_error_s: float = 0.0
 
     def neck(self, neck: gz.NeckSpec) -> gz.NeckSpec:
-        """The neck as it is believed to be."""
+        """The law's model of the neck."""
         axes = {
             name: axis.model_copy(
                 update={
@@ -123,25 +123,25 @@ class ModelError:
         return neck.model_copy(update=axes)
 
     def sensor(self, sensor: gz.SensorSpec) -> gz.SensorSpec:
-        """The sensor with stamps that come of the believed latency."""
+        """The sensor with time stamps from the modelled latency."""
         offset_s = sensor.timing.stamp_offset_s - self.latency_error_s
         return sensor.model_copy(update={"timing": sensor.timing.model_copy(update={"stamp_offset_s": offset_s})})
 
 
 @dataclass(frozen=True)
 class RivalJob:
-    """The dependencies of a run.
+    """Inputs of a run.
 
     Attributes:
         rival: One of `NAMES`.
         trial: One of `experiments.rivals.trials.TRIALS`.
-        recording: Whom it is made on, for trials on walks.
+        recording: Recording of the person, for trials on recordings; otherwise None.
         neck: The neck.
         sensor: The sensor, on the head.
-        seed: Of all errors.
-        constants: Constants of the rival other than its own, by keyword.
-        error: Errors of its model.
-        walker: The predictor of ours.
+        seed: Seed of all errors.
+        constants: Constants of the rival that override its defaults, by keyword.
+        error: Model mismatch.
+        walker: The predictor of this project's controllers.
     """
 
     rival: str
@@ -160,7 +160,7 @@ class RivalJob:
         return key_of(self, recording=recording, models=models_hash(self.walker.fitted))
 
     def run(self) -> Row:
-        """Labels and `FIGURES`; None where a trial does not have a figure."""
+        """Labels and `FIGURES`; None if the trial does not define one."""
         trial = make_trial(self.trial, self.recording)
         if float(trial.walk.times_s[-1]) < MIN_DURATION_S:
             raise LeftOutError(f"{trial.walk.name} is too short to be scored")
@@ -175,7 +175,7 @@ class RivalJob:
         return {"subject": log.run.subject, "group": log.run.group, **without_nan(figures)}
 
     def log(self, trial: Trial) -> gz.Log:
-        """Run it."""
+        """Execute the run."""
         believed = self.error.neck(self.neck)
         scene = Scene(
             walk=trial.walk,

@@ -1,4 +1,4 @@
-"""Which jobs a comparison of rivals is; its rows, of a rival with free constants at its best, tables and plots."""
+"""Jobs of a comparison of rivals; rows with each rival at its best constants, tables and plots."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from gazempc.results.figures.style import style
 from gazempc.results.page.content import PageTable
 from gazempc.sim.sensor import SensorSpec
 
-# Combined trials, under names of their own.
+# Names of combined trials.
 ALL_STILL, ALL_WALKS = "still", "walks"
 _COMBINED = {ALL_STILL: STILL, ALL_WALKS: WALKS}
-# Of the time: a smaller difference of eye contact is not visible.
+# Share of the time: smaller differences of eye contact are regarded as ties.
 _LEVEL = 0.01
-# Our gaze by default, and by how much less eye contact a rival has than it, clip by clip.
+# This project's default controller, and the metric of its lead in eye contact over a rival, paired by clip.
 OUR_DEFAULT, BEHIND = "mpc", "eye_contact_behind_mpc"
 _LABELS = ("rival", "trial", "neck", "sensor")
 
@@ -47,9 +47,9 @@ def make_jobs(
         recordings: Walks, by name or path.
         necks: The necks.
         sensors: The sensors, on the head.
-        seed: Of all errors.
+        seed: Seed of all errors.
         trials: Names of `experiments.rivals.trials.TRIALS`.
-        standing: Recordings of people who stand or sit, by name or path.
+        standing: Recordings of standing or sitting people, by name or path.
 
     Returns:
         The jobs.
@@ -73,7 +73,7 @@ def make_jobs(
 
 
 def labelled(jobs: Sequence[RivalJob], results: Sequence[Row]) -> list[Row]:
-    """Results with what they are about."""
+    """Results with the labels of their jobs."""
     return [
         {
             "rival": job.rival,
@@ -90,16 +90,16 @@ def labelled(jobs: Sequence[RivalJob], results: Sequence[Row]) -> list[Row]:
 
 
 def at_their_best(runs: Sequence[Row]) -> list[Row]:
-    """Of a rival with free constants, the runs with those that give most eye contact on walks.
+    """Select the runs of each rival at the constants with the most eye contact on walks.
 
-    Of several that are level within one percent of the time the smoothest is shown.
-    The choice is made for each neck and sensor, on the very walks that are shown: no rival is the worse for it.
+    Ties, within one percent of the time, are resolved by smoothness. Constants are selected for each neck and sensor on
+    the evaluated walks (in-sample), in favour of the rivals.
 
     Args:
-        runs: Runs with figures.
+        runs: Runs with metrics.
 
     Returns:
-        The runs that are shown.
+        The selected runs.
     """
     walks = {run["trial"] for run in runs} & {*WALKS}
     judged = [run for run in runs if run["trial"] in walks or not walks]
@@ -114,7 +114,7 @@ def _best(runs: Sequence[Row]) -> str:
         for name in ("eye_contact_2p6", "gaze_error_rms_deg", "rms_acceleration_rad_s2")
     )
     most = max(contact.values())
-    # Without any contact the error decides.
+    # Without contact the gaze error decides.
     if most < _LEVEL:
         return min(contact, key=error_deg.__getitem__)
     return min((each for each in contact if contact[each] > most - _LEVEL), key=acceleration.__getitem__)
@@ -124,14 +124,13 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
     """Means over clips, with intervals over people.
 
     Args:
-        runs: Runs with figures, none left out or failed.
+        runs: Runs with metrics, none left out or failed.
 
     Returns:
-        A row for each trial and combined trial (of one or more), neck, sensor and rival: labels, ``constants``,
-        ``n_clips``, ``n_people``, each of `FIGURES` and `BEHIND` (None without one) and its interval under
-        ``<name>_ci95``.
-        Within a trial, neck and sensor the best come first: by eye contact, after a loss by the time to contact, else
-        by settling, those last that rest beside the face.
+        One row a trial or combined trial, neck, sensor and rival: labels, ``constants``, ``n_clips``, ``n_people``,
+        each of `FIGURES` and `BEHIND` (None if undefined) and its interval under ``<name>_ci95``.
+        Sorted within a trial, neck and sensor, best first: by eye contact, after a loss by the time to contact, else by
+        settling time, with those last that settle off the face.
     """
     rows = []
     names = [*dict.fromkeys(run["trial"] for run in runs)]
@@ -140,9 +139,9 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
         of_trial = [run for run in runs if run["trial"] in _COMBINED.get(trial, (trial,))]
         for here in grouped(of_trial, "neck", "sensor").values():
             by_rival = grouped(here, "rival")
-            best_known = {_clip(run): run["eye_contact_2p6"] for run in by_rival.get((OUR_DEFAULT,), ())}
-            part = [_row(trial, by_rival[name,], best_known) for name in NAMES if (name,) in by_rival]
-            rows += sorted(part, key=_badness)
+            default_contact = {_clip(run): run["eye_contact_2p6"] for run in by_rival.get((OUR_DEFAULT,), ())}
+            part = [_row(trial, by_rival[name,], default_contact) for name in NAMES if (name,) in by_rival]
+            rows += sorted(part, key=_rank)
     return rows
 
 
@@ -162,7 +161,7 @@ def _row(trial: str, runs: Sequence[Row], our_contact: Mapping[tuple[Any, ...], 
     return row
 
 
-def _badness(row: Row) -> tuple[bool, float]:
+def _rank(row: Row) -> tuple[bool, float]:
     if row["trial"] == LOSS:
         return False, float(row["recontact_s"])
     if row["settling_s"] is not None:
@@ -170,7 +169,7 @@ def _badness(row: Row) -> tuple[bool, float]:
     return False, -float(row["eye_contact_2p6"])
 
 
-# Those that know a model of the neck, or the latency of the camera.
+# Controllers with a model of the neck, or of the camera's latency.
 WITH_MODEL = ("smith", "smith_feedforward", *OURS)
 WITHOUT_MODEL = tuple(name for name in NAMES if name not in WITH_MODEL)
 DEAD_TIME, SERVO, LATENCY = "dead time", "servo", "latency"
@@ -188,13 +187,13 @@ ERRORS = tuple(dict.fromkeys(error for errors in _ERRORS.values() for error in e
 
 
 def wrong_jobs(jobs: Sequence[RivalJob], results: Sequence[Row]) -> list[RivalJob]:
-    """The same jobs with each error, of those that have a model.
+    """Jobs with each model mismatch, for controllers with a model.
 
-    A rival with free constants has those that are best where nothing is believed wrongly.
+    Constants are those that are best without mismatch.
 
     Args:
-        jobs: Jobs without an error.
-        results: Their results, as of `experiments.rivals.plan.labelled`.
+        jobs: Jobs without mismatch.
+        results: Their results, from `labelled`.
 
     Returns:
         The jobs.
@@ -210,14 +209,13 @@ def wrong_jobs(jobs: Sequence[RivalJob], results: Sequence[Row]) -> list[RivalJo
 
 
 def by_error(runs: Sequence[Row]) -> dict[str, list[dict[str, Any]]]:
-    """Rows of each error.
+    """Rows by model mismatch.
 
     Args:
-        runs: Runs with figures, of one neck and sensor.
+        runs: Runs with metrics, of one neck and sensor.
 
     Returns:
-        By what is believed wrongly: rows as of `experiments.rivals.plan.summarise` with ``error`` (its name) and
-        ``by`` (percent, or milliseconds).
+        By mismatched parameter: rows of `summarise` with ``error`` (its name) and ``by`` (percent, or milliseconds).
     """
     right = at_their_best([run for run in runs if run["error"] == ModelError()])
     chosen = {(run["rival"], run["constants"]) for run in right}
@@ -232,7 +230,7 @@ def by_error(runs: Sequence[Row]) -> dict[str, list[dict[str, Any]]]:
     }
 
 
-# Heading, figure, factor, format.
+# Heading, metric, factor, format.
 _Column = tuple[str, str, float, str]
 _ANSWERS: tuple[_Column, ...] = (
     ("overshoot (deg)", "overshoot_deg", 1.0, ".2f"),
@@ -260,10 +258,10 @@ def page_tables(rows: Sequence[Row]) -> list[PageTable]:
     """All tables, the best first.
 
     Args:
-        rows: Rows as of `summarise`.
+        rows: Rows of `summarise`.
 
     Returns:
-        One for each trial, neck and sensor; the first cell of a row is the rival.
+        One table a trial, neck and sensor; the first column is the rival.
     """
     found = []
     for trial, columns in _COLUMNS.items():
@@ -278,15 +276,15 @@ def page_tables(rows: Sequence[Row]) -> list[PageTable]:
     return found
 
 
-# Colours that colour-blind people tell apart (Paul Tol's muted scheme); with the markers more rivals than there are.
+# Colour-blind safe colours (Paul Tol's muted scheme); combinations with markers exceed the number of rivals.
 _COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733", "#AA4499", "#DDCC77")
 
 
 def contact_plots(rows: Sequence[Row]) -> list[Plot]:
-    """Eye contact on walks against acceleration, every rival a point, a plot for each neck.
+    """Eye contact on walks against acceleration, one point a rival, one plot a neck.
 
     Args:
-        rows: Rows as of `summarise`, of one sensor.
+        rows: Rows of `summarise`, of one sensor.
     """
     colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(NAMES)}
     colours |= {f"ours: {name}": style(name).colour for name in OURS}
@@ -301,14 +299,14 @@ def contact_plots(rows: Sequence[Row]) -> list[Plot]:
 
 
 def error_tables(by_label: Mapping[str, Sequence[Row]], level: Sequence[Row]) -> list[PageTable]:
-    """Eye contact with wrong models.
+    """Eye contact under model mismatch.
 
     Args:
-        by_label: Rows with ``rival``, ``by`` and ``eye_contact_2p6``, by the label of the error.
+        by_label: Rows with ``rival``, ``by`` and ``eye_contact_2p6``, by label of the mismatch.
         level: Rows of rivals without a model.
 
     Returns:
-        A table for each error, and one of the laws without a model.
+        One table a mismatch, and one of the laws without a model.
     """
     tables = []
     for label, of_error in by_label.items():

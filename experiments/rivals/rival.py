@@ -1,7 +1,7 @@
-"""The interface of all control laws of rivals: measurements and command.
+"""Interface of the rival control laws: measurements and command.
 
-A rival is a control law as a robot or a camera runs it. It gets faces in a camera on the moving head, and the encoders.
-Pan is positive to the left, tilt is positive up, as everywhere.
+A rival is a control law of an existing robot or camera. Its measurements are faces in a camera on the moving head, and
+the encoders. Pan is positive to the left, tilt is positive up.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.types import FloatArray, JointState
 
-# Between the chin and the hairline of an adult; what face detectors draw their boxes round.
+# Height of a face detector's box: chin to hairline of an adult.
 FACE_HEIGHT_M = 0.24
-# "Full speed" of a law that answers -1 to 1, over the top speed of the neck; faster is cut to that.
+# Full speed of a law with normalised output, relative to the top speed of the neck, at which it saturates.
 SPEED_SCALES = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True)
 class HeadCamera:
-    """A camera on the head, that looks along the gaze.
+    """A camera on the head, aligned with the gaze.
 
     Attributes:
-        half_width_rad: Half its horizontal field of view, radians.
-        half_height_rad: Half its vertical field of view, radians.
-        width_px: Width of its image, pixels.
-        height_px: Height of its image, pixels.
+        half_width_rad: Half of the horizontal field of view, radians.
+        half_height_rad: Half of the vertical field of view, radians.
+        width_px: Width of the image, pixels.
+        height_px: Height of the image, pixels.
         rate_hz: Detections a second.
         latency_s: From capture to the arrival of the detection, seconds.
         pixel_noise_px: Standard deviation of the detected centre, on each axis, pixels.
@@ -54,11 +54,11 @@ class Detection:
     """A face in one frame of the camera on the moving head.
 
     Attributes:
-        capture_time_s: When the frame was captured, seconds.
-        arrival_time_s: When the detection can first be used, seconds.
-        offset: Centre of the face from the image's centre in halves of the image, shape (2,): x positive to the right,
-            y positive down, -1 to 1. A pinhole: ``x = -tan(angle to the left) / tan(half_width_rad)``.
-        range_m: Distance of the face as it was measured, metres; for laws that use a point in space.
+        capture_time_s: Capture time of the frame, seconds.
+        arrival_time_s: Time from which the detection is available, seconds.
+        offset: Centre of the face in normalised image coordinates, shape (2,): x positive to the right, y positive
+            down, -1 to 1. Pinhole model: ``x = -tan(angle to the left) / tan(half_width_rad)``.
+        range_m: Measured distance of the face, metres; for laws with a target point in space.
         box_px: Width and height of the face's box, shape (2,), pixels.
     """
 
@@ -75,10 +75,10 @@ class View:
 
     Attributes:
         time_s: The time, seconds.
-        detections: What arrived since the law's last step, oldest first.
-        joints: The encoders now.
-        joints_at: Pan and tilt at an earlier time, shape (2,), radians: linear between the encoders' readings of the
-            last 3 s. The nearest end where that is at most 0.05 s away, otherwise None.
+        detections: Detections since the law's last step, oldest first.
+        joints: Current encoder readings.
+        joints_at: Function from an earlier time to pan and tilt, shape (2,), radians, by linear interpolation of the
+            encoder readings of the last 3 s; the nearest end up to 0.05 s outside them, otherwise None.
         idle: Whether the device is at rest without a pending move.
     """
 
@@ -90,17 +90,17 @@ class View:
 
 
 class Rival(ABC):
-    """A control law for its models of a neck and of the camera on the head.
+    """A control law, constructed from models of the neck and of the camera on the head.
 
     Args:
         neck: Model of the neck.
         camera: Model of the camera.
 
     Attributes:
-        name: Its name in tables.
-        period_s: Time between two steps, seconds.
-        command: What it answers: joint angles in radians, or joint velocities in rad/s.
-        free: Constants that the law leaves to its user, one mapping for each choice that is tried.
+        name: Name in tables.
+        period_s: Sampling period, seconds.
+        command: Type of the output: joint angles in radians, or joint velocities in rad/s.
+        free: Tunable constants, one mapping for each candidate.
     """
 
     name: ClassVar[str]
@@ -116,7 +116,7 @@ class Rival(ABC):
         """Reset the state.
 
         Args:
-            view: Measurements at the start, without detections.
+            view: Initial measurements, without detections.
         """
 
     @abstractmethod
@@ -134,22 +134,22 @@ class Rival(ABC):
         return np.clip(angles_rad, self._neck.position_min_rad, self._neck.position_max_rad)
 
 
-# Frames a tenth of a second apart are ten a second, with stamps that are rounded.
+# Tolerance for rounded time stamps: frames at 0.1 s intervals are ten a second.
 _SAME_TIME_S = 1e-3
 
 
 class FrameRate:
-    """Takes a frame only if the one before is long enough ago.
+    """Limiter of the frame rate.
 
     Args:
-        period_s: Least time between two frames that it looks at, seconds.
+        period_s: Least time between two accepted frames, seconds.
     """
 
     def __init__(self, period_s: float) -> None:
         self._period_s, self._last_s = period_s, -math.inf
 
     def take(self, detections: tuple[Detection, ...]) -> Iterator[Detection]:
-        """The detections of the frames that it looks at, oldest first."""
+        """Detections of the accepted frames, oldest first."""
         for detection in detections:
             if detection.capture_time_s > self._last_s + self._period_s - _SAME_TIME_S:
                 self._last_s = detection.capture_time_s
@@ -157,41 +157,41 @@ class FrameRate:
 
 
 def half_sizes(camera: HeadCamera) -> FloatArray:
-    """Tangents of half the field of view: half the image's width and height at distance 1, shape (2,)."""
+    """Tangents of half of the field of view: half width and height of the image at distance 1, shape (2,)."""
     return np.tan([camera.half_width_rad, camera.half_height_rad])
 
 
 def ray(camera: HeadCamera, offset: FloatArray) -> FloatArray:
-    """Where a point of the image is, in the camera's frame.
+    """Viewing ray of an image point, in the camera's frame.
 
     Args:
-        camera: A pinhole.
-        offset: Place in halves of the image, shape (2,): to the right, down.
+        camera: Pinhole camera.
+        offset: Normalised image coordinates, shape (2,): to the right, down.
 
     Returns:
-        x forward (1), y left, z up, shape (3,); not of unit length.
+        Direction with x forward (1), y left, z up, shape (3,); not normalised.
     """
     right, down = np.asarray(offset) * half_sizes(camera)
     return np.array([1.0, -right, -down])
 
 
 def left_and_up_rad(camera: HeadCamera, offset: FloatArray) -> FloatArray:
-    """Angles of a point of the image from the camera's axis, each by itself: left, up, shape (2,), radians."""
+    """Horizontal and vertical angle of an image point from the camera's axis: left, up, shape (2,), radians."""
     return -np.arctan(np.asarray(offset) * half_sizes(camera))
 
 
 def bearing_rad(camera: HeadCamera, offset: FloatArray, head_rad: FloatArray) -> FloatArray:
-    """Absolute pan and tilt that look along the ray of a point of the image.
+    """Absolute pan and tilt of the ray of an image point.
 
-    Axes and eye count as one point, as in all laws that work with directions.
+    Axes and eye are assumed to coincide, as in all laws that use directions.
 
     Args:
-        camera: A pinhole on the head.
-        offset: Place in halves of the image, shape (2,): to the right, down.
-        head_rad: Pan and tilt that the law takes for those of the frame, shape (2,), radians.
+        camera: Pinhole camera on the head.
+        offset: Normalised image coordinates, shape (2,): to the right, down.
+        head_rad: Pan and tilt that the law assumes for the frame, shape (2,), radians.
 
     Returns:
-        Pan and tilt, shape (2,), radians; pan within half a turn of the head's.
+        Pan and tilt, shape (2,), radians; pan within pi of the head's.
     """
     forward, left, up = ray(camera, offset)
     pan_rad, tilt_rad = head_rad
@@ -204,10 +204,10 @@ def point_base_m(geometry: Geometry, camera: HeadCamera, detection: Detection, h
     """The face as a point in the base frame.
 
     Args:
-        geometry: Of the neck: where its eye is.
-        camera: A pinhole at the eye.
+        geometry: Geometry of the neck, with the position of its eye.
+        camera: Pinhole camera at the eye.
         detection: The face and its measured distance.
-        head_rad: Pan and tilt that the law takes for those of the frame, shape (2,), radians.
+        head_rad: Pan and tilt that the law assumes for the frame, shape (2,), radians.
 
     Returns:
         Position, shape (3,), metres.

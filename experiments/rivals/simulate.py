@@ -1,8 +1,8 @@
-"""A scene with a rival in the place of our loop, which sees faces in a camera on the moving head.
+"""Simulation of a rival, which observes faces in a camera on the moving head, in place of this project's loop.
 
-Rivals and ours see the same people with the same errors, losses and delays. The sensor's observations are put back into
-the image of a camera that was where the head was. A rival drives its neck by angles or by speeds, no faster than the
-motors turn. The log is like any other.
+Rivals and this project's controllers observe the same people with the same errors, losses and delays. Observations of
+the sensor are projected into the image of a camera at the head's pose of the capture. A rival commands joint angles or
+velocities, limited to the motors' top speed. The log has the same format as others.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from gazempc.types import FloatArray, JointState, Sighting
 # Field of view and aspect of the Raspberry Pi Camera Module 3 Wide, as on Reachy Mini: 102 by 67 degrees.
 HORIZONTAL_DEG, VERTICAL_DEG = 102.0, 67.0
 WIDTH_PX, HEIGHT_PX = 1280, 720
-# Of the box's edges: as the PTZ simulator of Frigate.
+# Standard deviation of the box's edges, as in the PTZ simulator of Frigate.
 BOX_NOISE_PX = 2.0
-# A face is narrower than it is high.
+# Aspect ratio of a face.
 _WIDTH_TO_HEIGHT = 0.75
 
 
 def on_the_head(sensor: SensorSpec) -> SensorSpec:
-    """A sensor with the same errors that sits beside the eye and turns with it.
+    """The sensor with the same errors, mounted on the head beside the eye.
 
     Args:
-        sensor: The sensor; its own field of view is kept if it is on a head.
+        sensor: The sensor; its field of view is kept if it is already on the head.
 
     Returns:
-        The sensor, with a limited field of view on the head.
+        The sensor on the head, with a limited field of view.
     """
     if sensor.view.on == "head" and sensor.view.horizontal_deg < 180.0 and sensor.view.vertical_deg < 180.0:
         return sensor
@@ -53,13 +53,13 @@ def on_the_head(sensor: SensorSpec) -> SensorSpec:
 
 
 def camera_of(sensor: SensorSpec) -> HeadCamera:
-    """The camera that a sensor on the head is.
+    """Camera model of a sensor on the head.
 
     Args:
-        sensor: A sensor as `on_the_head` makes it.
+        sensor: A sensor from `on_the_head`.
 
     Returns:
-        The camera. Its noise is that of the box alone: the sensor's errors are in the place of the face already.
+        The camera. Its noise is that of the box alone; the position of the face includes the sensor's errors.
     """
     return HeadCamera(
         half_width_rad=math.radians(sensor.view.horizontal_deg) / 2.0,
@@ -75,17 +75,17 @@ def camera_of(sensor: SensorSpec) -> HeadCamera:
 def detect(
     camera: HeadCamera, geometry: Geometry, joints_rad: FloatArray, sighting: Sighting, rng: np.random.Generator
 ) -> Detection | None:
-    """What a camera on the head shows of a sighting.
+    """Project an observation into the image of a camera on the head.
 
     Args:
-        camera: The camera; it sits in the eye.
+        camera: The camera, at the eye.
         geometry: The neck's geometry.
-        joints_rad: Where pan and tilt were at the capture, shape (2,), radians.
-        sighting: What the sensor saw.
-        rng: Draws the noise of the box.
+        joints_rad: Pan and tilt at the capture, shape (2,), radians.
+        sighting: Observation of the sensor.
+        rng: Random generator of the box's noise.
 
     Returns:
-        The face in the image; None if it is out of view.
+        The face in the image; None outside the field of view.
     """
     seen_m = seen_from_head(geometry, joints_rad, sighting.observation.head_position_base_m)
     ahead_m, left_m, up_m = seen_m.tolist()
@@ -112,14 +112,14 @@ _STILL_RAD_S, _THERE_RAD = np.deg2rad(0.5), np.deg2rad(0.25)
 
 
 def driven_by(neck: NeckSpec, command: Literal["position", "velocity"]) -> NeckSpec:
-    """The same neck with joints that take angles, or speeds.
+    """The neck with a given command type.
 
     Args:
         neck: The neck.
-        command: What its joints are to take.
+        command: Command type of its joints.
 
     Returns:
-        The neck; dead time, servo and limits are the same.
+        The neck with the same dead time, servo and limits.
     """
     given = {"command": command} if command == "velocity" else {"command": command, "speed_steps": None}
     axes = {name: axis.model_copy(update=given) for name, axis in (("pan", neck.pan), ("tilt", neck.tilt))}
@@ -127,16 +127,16 @@ def driven_by(neck: NeckSpec, command: Literal["position", "velocity"]) -> NeckS
 
 
 class Motor:
-    """Holds the command of a rival, and sends it at every tick.
+    """Zero-order hold of a rival's command, sent at every tick.
 
-    Angles are cut to the joint's range, and a jump becomes a move at top speed, as a motor makes it. Speeds are cut to
-    the top speed.
+    Angles are limited to the joint's range and, like those of a motor, rate limited to the top speed. Velocities are
+    limited to the top speed.
 
     Args:
-        neck: The neck, with joints that take what the rival gives.
-        start_rad: Where it stands at rest, shape (2,), radians.
-        clock_s: The present time, seconds.
-        seed: Of the encoders' noise.
+        neck: The neck, with the command type of the rival.
+        start_rad: Initial angles, at rest, shape (2,), radians.
+        clock_s: Function that returns the current time, seconds.
+        seed: Seed of the encoder noise.
     """
 
     def __init__(self, neck: NeckSpec, start_rad: FloatArray, clock_s: Callable[[], float], seed: int) -> None:
@@ -153,7 +153,7 @@ class Motor:
         return self.robot.read_state() or self.robot.true_state()
 
     def ask(self, command: FloatArray) -> None:
-        """Take a rival's answer: angles or speeds, shape (2,); held until the next one."""
+        """Set the command: angles or velocities, shape (2,), held until the next one."""
         neck = self._neck
         if self._takes_speeds:
             low, high = -neck.velocity_max_rad_s, neck.velocity_max_rad_s
@@ -162,7 +162,7 @@ class Motor:
         self._wanted = np.minimum(np.maximum(command, low), high)
 
     def tick(self) -> None:
-        """Send the present command."""
+        """Send the current command."""
         now_s = self._clock_s()
         sent = self._wanted
         if not self._takes_speeds:
@@ -211,7 +211,7 @@ class EncoderHistory:
             time_s: The time, seconds.
 
         Returns:
-            Shape (2,), radians; None if it is more than 0.05 s away from all readings.
+            Shape (2,), radians; None more than 0.05 s before the first or after the last reading.
         """
         times_s = [reading.time_s for reading in self._readings]
         if not times_s or not times_s[0] - _NEAR_S <= time_s <= times_s[-1] + _NEAR_S:
@@ -220,7 +220,7 @@ class EncoderHistory:
         return np.array([np.interp(time_s, times_s, angle_rad) for angle_rad in angles_rad.T])
 
 
-# Steps of the simulation a second, if the neck itself has no more.
+# Least rate of the simulation; that of the neck if it is higher.
 RATE_HZ = 200.0
 _SAME_TIME_S = 1e-9
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -229,19 +229,19 @@ MakeRival = Callable[[NeckSpec, HeadCamera], Rival]
 
 
 def simulate(scene: Scene, make_rival: MakeRival, latency_error_s: float = 0.0) -> Log:
-    """Let a rival look at a person.
+    """Simulate a rival in a scene.
 
     Args:
-        scene: Walk, neck, sensor on the head, and seed, as of a replay. The rival is made with `neck`; what moves is
-            `robot_neck` where that differs.
-        make_rival: Makes the rival of the neck and the camera.
-        latency_error_s: Stated minus true latency, seconds.
+        scene: Walk, neck, sensor on the head, and seed, as for a replay. `neck` is the rival's model; `robot_neck`, if
+            different, is simulated.
+        make_rival: Constructs the rival from the models of neck and camera.
+        latency_error_s: Modelled minus true latency, seconds.
 
     Returns:
-        The log, at the neck's servo rate. It has no forecasts and no events.
+        The log, at the neck's servo rate, without forecasts and events.
 
     Raises:
-        ValueError: If a rival answers what is not two finite numbers.
+        ValueError: If the rival's command is not two finite numbers.
     """
     return _Run(scene, make_rival, latency_error_s).log()
 
@@ -251,8 +251,8 @@ class _Run:
 
     def __init__(self, scene: Scene, make_rival: MakeRival, latency_error_s: float) -> None:
         self._scene, self._camera = scene, camera_of(scene.sensor)
-        believed = replace(self._camera, latency_s=self._camera.latency_s + latency_error_s)
-        self._rival = make_rival(scene.neck, believed)
+        camera_model = replace(self._camera, latency_s=self._camera.latency_s + latency_error_s)
+        self._rival = make_rival(scene.neck, camera_model)
         self._neck = neck = driven_by(scene.robot_neck or scene.neck, self._rival.command)
         sightings = deque(observe(scene.walk, scene.sensor, scene.seed))
         start_rad = scene.first_angles_rad(sightings[0].observation.head_position_base_m)
@@ -262,7 +262,7 @@ class _Run:
         self._rng = np.random.default_rng([scene.seed, 0])
         self._joints: list[FloatArray] = []
         self._true_joints: list[JointState] = []
-        self._waiting: list[Detection] = []
+        self._pending: list[Detection] = []
         per_row = max(round(RATE_HZ / neck.servo_rate_hz), 1)
         rate_hz = per_row * neck.servo_rate_hz
         for index in range(int(float(scene.walk.times_s[-1]) * rate_hz + 1e-6) + 1):
@@ -273,12 +273,12 @@ class _Run:
             self._tick(arrived, rate_hz, index % per_row == 0)
 
     def _tick(self, arrived: list[Sighting], rate_hz: float, takes_row: bool) -> None:
-        """One step of the simulation: what arrived is shown at the rival's next step."""
+        """One step of the simulation; detections are queued until the rival's next step."""
         state = self._motor.robot.true_state()
         self._joints.append(state.position_rad)
         self._encoders.note(self._motor.reading())
         for sighting in arrived:
-            self._show(sighting, rate_hz)
+            self._detect(sighting, rate_hz)
         if self._next_step_s == -math.inf:
             self._rival.start(self._view(()))
             self._next_step_s = self.now_s
@@ -289,29 +289,29 @@ class _Run:
             self._true_joints.append(state)
             self._recorder.tick(self.now_s, None, self._motor.sent, _STILL)
 
-    def _show(self, sighting: Sighting, rate_hz: float) -> None:
-        # A stamp may be wrong; the image is of when it was taken.
+    def _detect(self, sighting: Sighting, rate_hz: float) -> None:
+        # The image is that of the true capture time: time stamps may have an error.
         taken_s = sighting.observation.capture_time_s - self._scene.sensor.timing.stamp_offset_s
         captured = min(max(round(taken_s * rate_hz), 0), len(self._joints) - 1)
         seen = detect(self._camera, self._neck.geometry, self._joints[captured], sighting, self._rng)
         if seen is not None:
-            self._waiting.append(seen)
+            self._pending.append(seen)
             self._recorder.observation(self.now_s, sighting.observation, None, 0.0)
 
     def _step(self) -> None:
-        answer = np.asarray(self._rival.step(self._view(tuple(self._waiting))), dtype=np.float64)
+        answer = np.asarray(self._rival.step(self._view(tuple(self._pending))), dtype=np.float64)
         if answer.shape != (2,) or not np.isfinite(answer).all():
             raise ValueError(f"rival {self._rival.name}: step() returned {answer!r}, needed are two finite numbers")
         self._motor.ask(answer)
-        self._waiting.clear()
-        # Its steps are periodic, and independent of the simulation's.
+        self._pending.clear()
+        # Periodic sampling, independent of the simulation's step.
         self._next_step_s += self._rival.period_s
 
     def _view(self, detections: tuple[Detection, ...]) -> View:
         return View(self.now_s, detections, self._motor.reading(), self._encoders.at, self._motor.idle)
 
     def log(self) -> Log:
-        """What happened."""
+        """The log of the run."""
         scene, true_head = self._scene, TrueHead(self._scene.walk)
 
         def where_known(times_s: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
-"""The trials: motion of a person before the robot, and the head's answer to it: overshoot, settling, reversals.
+"""Trials: motion of a person in front of the robot, and metrics of the head's response: overshoot, settling, reversals.
 
-The definitions of the answer are ours; none is published. Directions are seen from the robot's base, pan positive to
-the left and tilt positive up.
+The metrics are defined here, in the absence of published definitions. Directions are relative to the robot's base, pan
+positive to the left and tilt positive up.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.motion import reversals
 from gazempc.types import FloatArray
 
-# The face is shown from this time on, so that the whole response is scored.
+# Onset of the face: the whole response is scored.
 SHOWN_FROM_S = 1.0
 FRAME_RATE_HZ = 100.0
-# As in the published trials: 1 to 2 m away, 15 s. Angles are ours, as none are published: the head must turn clearly;
-# a face at 1.2 m or 1.6 m before a camera 1.0 m high.
+# As in the published trials: 1 to 2 m away, 15 s. Angles, which are not published, are large enough for a clear head
+# turn; a face at 1.2 m or 1.6 m in front of a camera at a height of 1.0 m.
 STILL_DISTANCE_M, STILL_S = 1.5, 15.0
 SIDES_DEG = {"centre": 0.0, "left": 20.0, "right": -20.0}
 HEIGHTS_DEG = {"seated": 8.0, "standing": 22.0}
@@ -39,16 +39,16 @@ HEIGHT_M = 1.2
 PASSES_M = {"pass_1.0m": 1.0, "pass_2.5m": 2.5}
 TURNS, TURN_DISTANCE_M = "turns", 2.5
 LOSS, LOSS_S = "loss", 1.0
-# A walk at whose end the person comes to stand; of `experiments.rivals.framing`.
+# A walk with a stop at its end, for `experiments.rivals.framing`.
 STOP = "stop"
 # The loss begins after this share of the walk.
 _LOSS_AFTER = 0.35
-# At its end the person comes to stand, so that a law that lags can be back in contact, too.
+# The person stands at the end, so that slow laws can regain contact.
 STANDS_S, _STOP_TIME_S, _PACE_S = 4.0, 0.2, 0.1
-# People who really stand or sit, as far away as the motionless face.
+# Recorded standing or sitting people, at the distance of the motionless face.
 STAND, SIT = f"stand_{STILL_DISTANCE_M:g}m", f"sit_{STILL_DISTANCE_M:g}m"
 POSTURES = (STAND, SIT)
-# Trials on walks, whose figures are means over people.
+# Trials on walks, with means over people.
 WALKS = (*PASSES_M, TURNS)
 ALONE = (*STILL, "step", "ramp")
 TRIALS = (*ALONE, *POSTURES, *WALKS, LOSS)
@@ -56,15 +56,15 @@ TRIALS = (*ALONE, *POSTURES, *WALKS, LOSS)
 
 @dataclass(frozen=True)
 class Trial:
-    """One person before the robot.
+    """One person in front of the robot.
 
     Attributes:
         name: One of `TRIALS`.
-        walk: The person in the base frame, time starting at 0.
-        start_rad: Where pan and tilt begin; None for looking at the first observed head.
-        event_s: From when the answer is timed, seconds; None where nothing is timed.
-        joint: Whose answer: 0 the pan's; 1 the tilt's, where the person is straight ahead.
-        back_s: When the face is seen again after its loss, seconds; None without one.
+        walk: The person in the base frame, from time 0.
+        start_rad: Initial pan and tilt; None for the direction of the first observed head.
+        event_s: Onset of the response, seconds; None without a timed response.
+        joint: Joint of the response: 0 for pan; 1 for tilt, with the person straight ahead.
+        back_s: Time at which the face reappears after a loss, seconds; None without a loss.
     """
 
     name: str
@@ -76,12 +76,12 @@ class Trial:
 
 
 def takes(trial: str, labels: Labels) -> bool:
-    """Whether a trial is made with a recording.
+    """Whether a recording is applicable to a trial.
 
     Args:
         trial: One of `POSTURES` for people who stay, else one on walks.
-        labels: The recording's. A walk without a group counts as straight, and a person who stays as standing unless
-            the kind is ``sitting``.
+        labels: Labels of the recording. Defaults: straight for a walk without a group; standing for a person who stays,
+            unless the kind is ``sitting``.
     """
     if trial in POSTURES:
         return (trial == SIT) == (labels.activity == "sitting")
@@ -89,7 +89,7 @@ def takes(trial: str, labels: Labels) -> bool:
 
 
 def make_trial(name: str, recording: str | None) -> Trial:
-    """Make a trial.
+    """Construct a trial.
 
     Args:
         name: One of `TRIALS`.
@@ -139,7 +139,7 @@ def _moving(name: str) -> Trial:
 def _alone(
     name: str, duration_s: float, pan_deg: Callable[[FloatArray], FloatArray], tilt_deg: float, distance_m: float
 ) -> Recording:
-    """A person who faces the robot, at a pan angle that is given over time."""
+    """A person who faces the robot, at a pan angle as a function of time."""
     times_s = np.arange(round(duration_s * FRAME_RATE_HZ) + 1) / FRAME_RATE_HZ
     pan, tilt = np.deg2rad(pan_deg(times_s)), np.deg2rad(tilt_deg)
     ground_m = distance_m * np.cos(tilt)
@@ -155,12 +155,12 @@ def _alone(
 
 
 def _stopping(walk: Recording) -> Recording:
-    """The same walk, and at its end the person stops and stands."""
+    """The walk, extended by a stop and standing."""
     track, period_s = walk.truth, float(np.median(np.diff(walk.times_s)))
     valid = np.flatnonzero(track.valid)
     last, before = valid[-1], valid[valid <= valid[-1] - round(_PACE_S / period_s)][-1]
     since_s = period_s * np.arange(1, round(STANDS_S / period_s) + 1)
-    # Speed decays: a step or less is left to go.
+    # Exponential decay of the speed: stopping distance of a step or less.
     share = _STOP_TIME_S * (1.0 - np.exp(-since_s / _STOP_TIME_S)) / (walk.times_s[last] - walk.times_s[before])
 
     def stops(rows: FloatArray) -> FloatArray:
@@ -175,36 +175,36 @@ def _stopping(walk: Recording) -> Recording:
 
 
 def _hidden(walk: Recording, from_s: float, to_s: float) -> Recording:
-    """The same walk, unseen for a time."""
+    """The walk without observations for an interval."""
     hidden = (walk.times_s >= from_s) & (walk.times_s < to_s)
     seen = _each(walk.truth, lambda _, rows: np.where(hidden[:, None], np.nan, rows))
     return replace(walk, truth=seen, measured=None)
 
 
 def _each(track: Track, change: Callable[[str, FloatArray], FloatArray]) -> Track:
-    """The track with changed positions and orientations."""
+    """The track with a function applied to positions and orientations."""
     return Track(*(change(name, rows) for name, rows in vars(track).items()))
 
 
-# The final angle is the median of so long at the end.
+# Interval at the end whose median is the final angle.
 _FINAL_S = 3.0
 SETTLED_DEG = (1.0, CONTACT_DEG[0])
-# A smaller move is none.
+# Least amplitude of a move.
 _SWING_DEG = 0.5
 
 
 def response(log: Log, event_s: float, joint: int) -> dict[str, float]:
-    """How a joint answers to something that happens at a time.
+    """Metrics of a joint's transient response to an event.
 
     Args:
         log: The run.
-        event_s: When the answer begins, seconds.
+        event_s: Time of the event, seconds.
         joint: 0 for the pan, 1 for the tilt.
 
     Returns:
-        ``overshoot_deg``, ``settling_s`` (to 1 deg), ``settling_2p6_s`` and ``reversals``. What never settles settles
-        at the end of the run. ``rest_error_deg`` is how far from the face the gaze is then, the median of the last 3 s:
-        a law that settles beside the face has not answered it.
+        ``overshoot_deg``, ``settling_s`` (to 1 deg), ``settling_2p6_s`` and ``reversals``; settling times are censored
+        at the end of the run. ``rest_error_deg`` is the steady-state gaze error, the median of the last 3 s, which
+        detects laws that settle off the face.
     """
     after = log.time_s >= event_s - 1e-9
     times_s = log.time_s[after] - event_s
@@ -221,14 +221,14 @@ def response(log: Log, event_s: float, joint: int) -> dict[str, float]:
 
 
 def overshoot_deg(angle_deg: FloatArray, final_deg: float) -> float:
-    """Largest excursion past the final angle in the direction of the first move.
+    """Maximum excursion beyond the final angle in the direction of the first move.
 
     Args:
         angle_deg: The joint's angle over time, shape (N,), degrees.
         final_deg: The final angle, degrees.
 
     Returns:
-        Degrees; 0 without one, or if the joint hardly moves.
+        Degrees; 0 without overshoot, or for a move below the least amplitude.
     """
     moved = np.flatnonzero(np.abs(angle_deg - angle_deg[0]) >= _SWING_DEG)
     if not moved.size:
@@ -246,7 +246,7 @@ def settling_s(times_s: FloatArray, error_deg: FloatArray, within_deg: float) ->
         within_deg: The bound, degrees.
 
     Returns:
-        Seconds; the last time if it never does.
+        Seconds; the last time if it does not settle.
     """
     outside = np.flatnonzero(np.abs(error_deg) > within_deg)
     if not outside.size:

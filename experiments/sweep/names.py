@@ -1,4 +1,4 @@
-"""Dotted names of the settings of a sweep: checks of their values, and the run that they describe."""
+"""Dotted names of the settings of a sweep: validation of values, and construction of the run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gazempc.settings import GazeChoice
 from gazempc.sim.replay import ReplaySettings
 from gazempc.sim.sensor import SensorSpec, load_sensor
 
-# Options of parts of the user's own are checked together, see `experiments.engine.command`.
+# Prefix of options of custom parts, which `experiments.engine.command` validates jointly.
 OPTION = "options."
 DEAD_TIME_SCALE = "model.dead_time_scale"
 
@@ -32,7 +32,7 @@ class _SweepOnly(BaseModel):
 
 @lru_cache(maxsize=1)
 def setting_fields() -> dict[str, FieldInfo]:
-    """Every dotted name that a sweep may set, with its type and range."""
+    """Dotted names of all settings of a sweep, with type and range."""
     found = {name: field for name, field in _leaves(ReplaySettings).items() if name != "options"}
     found["controller"] = _SweepOnly.model_fields["controller"]
     found[DEAD_TIME_SCALE] = _SweepOnly.model_fields["dead_time_scale"]
@@ -50,10 +50,10 @@ def check_name(name: str) -> str | None:
     """Check a dotted name.
 
     Args:
-        name: What the user wrote.
+        name: The user's input.
 
     Returns:
-        None if it is right, else what it perhaps means and what is accepted.
+        None if valid, else a message with suggestions and the accepted names.
     """
     names = setting_fields()
     if name in names or (name.startswith(OPTION) and name != OPTION):
@@ -62,7 +62,7 @@ def check_name(name: str) -> str | None:
     siblings = [n for n in names if n.startswith(f"{first}.")]
     if rest and siblings:
         return f"unknown setting; {suggest(name, siblings)}"
-    # A leaf's name alone is a likely slip.
+    # The name of a leaf without its prefix is a likely error.
     leaves = [n for n in names if n.split(".")[-1] == name.rpartition(".")[2]]
     near = leaves or difflib.get_close_matches(name, names, n=3)
     hint = f"perhaps you meant {' or '.join(map(repr, near))}; " if near else ""
@@ -71,25 +71,26 @@ def check_name(name: str) -> str | None:
 
 
 def check_value(name: str, value: Any) -> tuple[Any, str | None]:
-    """Check one value of a setting alone.
+    """Validate a single value of a setting.
 
     Args:
         name: A name that `check_name` accepts.
-        value: What the user wrote.
+        value: The user's input.
 
     Returns:
-        The value in the setting's type, and None; or the value as given, and what is wrong and what is accepted.
+        The value in the setting's type, and None; or the value as given, and a message with the error and the accepted
+        values.
     """
     if name.startswith(OPTION):
         return value, None
     field = setting_fields()[name]
-    # Python takes true for 1; infinity is accepted only where it stands for "no limit".
+    # bool is a subclass of int; infinity is valid only if it stands for "no limit".
     if isinstance(value, bool) != (field.annotation is bool) or (
         isinstance(value, float) and not math.isfinite(value) and value != field.default
     ):
         return value, f"{value!r} is not accepted; accepted: values of type {field.annotation}"
     try:
-        checked = _alone(name).dump_python(_alone(name).validate_python(value))
+        checked = _field_adapter(name).dump_python(_field_adapter(name).validate_python(value))
         if name == "neck":
             load_neck(checked)
         elif name == "sensor" and checked is not None:
@@ -102,18 +103,18 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
 
 
 def is_number(field: FieldInfo) -> bool:
-    """True if a setting can be swept between two ends."""
+    """Whether a setting can be varied over a continuous or integer range."""
     return bool({int, float} & {field.annotation, *get_args(field.annotation)})
 
 
 def check_settings(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Check names and values of settings.
+    """Validate names and values of settings.
 
     Args:
         values: Values by dotted name.
 
     Returns:
-        The checked values, and what is wrong with the others, a line each.
+        The valid values, and one error message for each other one.
     """
     checked: dict[str, Any] = {}
     problems = []
@@ -137,8 +138,8 @@ def _leaves(model: type[BaseModel], prefix: str = "") -> dict[str, FieldInfo]:
 
 
 @lru_cache(maxsize=256)
-def _alone(name: str) -> TypeAdapter[Any]:
-    # Sub-settings know their own constraints only inside their model; one field alone reports one error alone.
+def _field_adapter(name: str) -> TypeAdapter[Any]:
+    # The constraints belong to the field, not to its type; an adapter of one field reports its errors only.
     field = setting_fields()[name]
     return TypeAdapter(Annotated[field.annotation, field])  # type: ignore[arg-type]
 
@@ -148,16 +149,16 @@ Spec = TypeVar("Spec", bound=BaseModel)
 
 
 def resolve(values: Values) -> ReplayJob:
-    """Apply values to the default settings, the neck and the sensor.
+    """Apply values to the default settings, neck and sensor.
 
     Args:
-        values: Value by dotted name; ``neck.both.X`` is set on pan and tilt, and a value that names its axis wins.
+        values: Value by dotted name; ``neck.both.X`` applies to pan and tilt, unless one axis has its own value.
 
     Returns:
         The run, without its recording.
 
     Raises:
-        SettingsError: With everything that is wrong, one line each; or if a part of the user's own is not there.
+        SettingsError: With all errors, one line each; or if a custom part is missing.
     """
     checked, problems = check_settings(values)
     if "controller" not in values:
@@ -190,7 +191,7 @@ def _per_axis(values: Values) -> dict[str, Any]:
 
 
 def _changed(spec: Spec, values: Values) -> Spec:
-    # Through validation: a copy with changed fields would not be checked.
+    # Constructed anew, as `model_copy` does not validate.
     content = spec.model_dump()
     for name, value in values.items():
         *parents, leaf = name.split(".")
@@ -214,7 +215,7 @@ _WORDS = {"rms": "RMS", "mpc": "MPC", "sparc": "SPARC", "ldlj": "LDLJ", "nees": 
 
 
 def with_unit(name: str) -> str:
-    """A setting or metric as people read it.
+    """Readable name of a setting or metric.
 
     Args:
         name: Its field, such as ``gaze_error_p95_deg`` or ``mpc.smoothness``.

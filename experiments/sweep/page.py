@@ -1,7 +1,4 @@
-"""Tables, plots and report of a sweep.
-
-One row a run, means for each point, the points that no other beats, and response curves.
-"""
+"""Tables, plots and report of a sweep: one row a run, means for each point, Pareto front, and response curves."""
 
 from __future__ import annotations
 
@@ -30,14 +27,14 @@ def run_row(plan: SweepPlan, case: Case, index: int, point: Point, walk: Walk, r
     Args:
         plan: The sweep.
         case: The case, complete.
-        index: Number of the point in its case.
-        point: What varies.
+        index: Index of the point in its case.
+        point: Values of the varied settings.
         walk: The recording.
-        result: What came of the run.
+        result: Result of the run.
 
     Returns:
-        Labels, the value of everything that varies in any case (None where the case does not state it), all metrics,
-        and ``faults`` if exceptions were survived.
+        Labels, the value of each setting that varies in any case (None if the case does not set it), all metrics, and
+        ``faults`` after caught exceptions.
     """
     values = {**case.base, **point}
     return {
@@ -65,7 +62,7 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
 
     Returns:
         One row a point and group (``all`` too): labels, ``n_clips``, ``n_people``, and each tabulated metric with
-        ``<metric>_low`` and ``<metric>_high``; None where there is nothing to say.
+        ``<metric>_low`` and ``<metric>_high``; None if undefined.
     """
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
     table = []
@@ -85,7 +82,7 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
 
 
 def tabulated(plan: SweepPlan) -> tuple[str, ...]:
-    """Metrics of the table: those that were asked for, and those that objectives and figures need."""
+    """Metrics of the table: the requested ones, and those of objectives and figures."""
     spec = plan.spec
     drawn = [metric for _, metric, _ in spec.figures.response]
     drawn += [metric for x, y, _ in spec.figures.pareto for metric in (x, y)]
@@ -93,14 +90,14 @@ def tabulated(plan: SweepPlan) -> tuple[str, ...]:
 
 
 def pareto_front(rows: Iterable[Row], objectives: Sequence[Objective]) -> list[Row]:
-    """Rows that no other row beats: none is as good in every objective and better in one.
+    """Pareto front: rows that no other row dominates.
 
     Args:
         rows: Means.
-        objectives: What is better.
+        objectives: Metrics with their directions.
 
     Returns:
-        The front, by rising value of the first objective; rows without a value of an objective are not on it.
+        The front in ascending order of the first objective, without rows that lack an objective.
     """
     known = [row for row in rows if all(row[o.metric] is not None for o in objectives)]
     if not known:
@@ -117,10 +114,10 @@ def objective_means(rows: Sequence[Row], objectives: Sequence[Objective]) -> lis
 
     Args:
         rows: Its runs.
-        objectives: Which metrics.
+        objectives: The metrics.
 
     Returns:
-        The means; None if a run failed or a mean is not known.
+        The means; None if a run failed or a mean is undefined.
     """
     used = [row for row in rows if not row["left_out"]]
     values = np.array([[row[o.metric] for o in objectives] for row in used], dtype=np.float64)
@@ -144,20 +141,20 @@ def _cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-# What makes a gaze: two lines that differ in one of these and not in their controller have one colour.
+# Columns that identify a gaze; lines of the same controller have the same colour.
 _OF_A_GAZE = ("case", "controller", "predictor", "neck")
 
 
 def plots_of(plan: SweepPlan, rows: Sequence[Row], table: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
-    """The figures of a sweep file; without a front there, that of the first two objectives.
+    """Figures of a sweep file; by default the Pareto front of the first two objectives is added.
 
     Args:
         plan: The sweep.
         rows: All runs.
-        table: Means, as made by `experiments.sweep.page.point_table`.
+        table: Result of `point_table`.
 
     Yields:
-        Name of the file without its ending, empty for the report alone; and the plot.
+        File name without extension, empty for the report alone; and the plot.
     """
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
     overall = [row for row in table if row["group"] == "all"]
@@ -181,7 +178,7 @@ def recorded_or_synthetic(plan: SweepPlan) -> str:
 def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
     ticks = distinct(rows, x)
     numeric = all(isinstance(tick, (int, float)) for tick in ticks)
-    # Cases are different questions: a line never averages over them.
+    # One line a case: cases are not averaged.
     series = grouped((row for row in rows if row[x] is not None), "case", by)
     lines = []
     for i, ((case, one), every) in enumerate(series.items()):
@@ -216,13 +213,13 @@ def _pareto(plan: SweepPlan, table: Sequence[Row], x: str, y: str, by: str) -> P
 
 
 def point_name(plan: SweepPlan, row: Row) -> str:
-    """The settings of a point that vary."""
+    """Varied settings of a point, as text."""
     varied = (f"{with_unit(name)} {value_text(row[name])}" for name in plan.spec.varied() if row[name] is not None)
     return ("" if row["case"] == plan.spec.name else f"{row['case']}: ") + ", ".join(varied)
 
 
 def distinct(rows: Sequence[Row], name: str) -> list[Any]:
-    """Values of a column, each once and without None: groups in reading order, numbers by size."""
+    """Distinct values of a column except None: groups in the order of tables, numbers sorted."""
     found = [value for value in dict.fromkeys(row[name] for row in rows) if value is not None]
     if name == "group":
         return [group for group in (*GROUP_ORDER, "all") if group in found]
@@ -230,7 +227,7 @@ def distinct(rows: Sequence[Row], name: str) -> list[Any]:
 
 
 def _colour(rows: Sequence[Row], by: str, one: Any, index: int, case: str | None = None) -> str:
-    """Colour of a gaze where gazes are compared, else one by the number of the line."""
+    """Colour of a gaze in comparisons of gazes, else by the index of the line."""
     every = dict.fromkeys(row["controller"] for row in rows)
     own = {row["controller"] for row in rows if row[by] == one and (case is None or row["case"] == case)}
     if len(own) == 1 and (len(every) > 1 or by in _OF_A_GAZE):
@@ -256,12 +253,12 @@ def sweep_page(
 
     Args:
         plan: The sweep.
-        summary: What is in `summary.json`.
+        summary: Content of `summary.json`.
         rows: All runs.
-        table: Means, as made by `experiments.sweep.page.point_table`.
-        plots: Its plots.
-        pictures: The plots that were drawn, by their files.
-        command: The command that repeats it.
+        table: Result of `point_table`.
+        plots: The plots.
+        pictures: PNG files of the plots.
+        command: Command line that reproduces it.
 
     Returns:
         The report.

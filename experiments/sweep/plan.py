@@ -1,4 +1,4 @@
-"""Read a sweep file and check everything that can be checked before anything runs."""
+"""Load and validate a sweep file before any run."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from gazempc.types import FloatArray
 
 @dataclass(frozen=True)
 class Walk:
-    """A recording that has been read once.
+    """Labels of a recording.
 
     Attributes:
-        name: Its name in tables.
+        name: Name in tables.
         path: Synthetic name or absolute path.
-        subject: Who walks.
+        subject: Name of the person.
         group: Kind of walk.
-        is_synthetic: Whether it is one of the generated walks.
+        is_synthetic: Whether the walk is synthetic.
     """
 
     name: str
@@ -47,14 +47,14 @@ class Walk:
 
 
 def read_walks(words: Sequence[str], reading: ReadOptions) -> tuple[tuple[Walk, ...], list[str]]:
-    """Read recordings.
+    """Load the labels of recordings.
 
     Args:
-        words: As for `experiments.engine.command.find_recordings`.
-        reading: The user's options for reading the files.
+        words: See `experiments.engine.command.find_recordings`.
+        reading: Options for reading the files.
 
     Returns:
-        The walks, and what is wrong with the others, a line each.
+        The walks, and one error message for each other recording.
     """
     problems, walks, names = list[str](), [], list[str]()
     try:
@@ -80,11 +80,10 @@ def design_points(case: Case, seed: int) -> list[Point]:
 
     Args:
         case: A complete case (`experiments.sweep.spec.SweepSpec.all_cases`).
-        seed: Seed of the design; the case's name is mixed in.
+        seed: Seed of the design, combined with the case's name.
 
     Returns:
-        The values that vary, by dotted name; the same arguments give the same points, and a larger ``n`` only adds
-        points.
+        Values of the varied settings, by dotted name; deterministic, and nested: a larger ``n`` only adds points.
     """
     if case.design == "grid":
         return [dict(zip(case.vary, values, strict=True)) for values in itertools.product(*case.vary.values())]
@@ -95,7 +94,7 @@ def design_points(case: Case, seed: int) -> list[Point]:
     else:
         from scipy.stats import qmc  # noqa: PLC0415  (slow to import, and no other design needs it)
 
-        # Drawn in powers of two, for which the sequence is balanced, and cut to n.
+        # A power of two, for which the sequence is balanced, truncated to n.
         draws = qmc.Sobol(size[1], rng=rng).random_base2(math.ceil(math.log2(max(size[0], 1))))[: size[0]]
     return [point_at(case.vary, row) for row in draws]
 
@@ -106,11 +105,11 @@ def case_seed(case: Case, seed: int) -> list[int]:
 
 
 def point_at(vary: Mapping[str, Any], draw: FloatArray) -> Point:
-    """The point at a place in the unit cube.
+    """Map the unit cube to a point of the design.
 
     Args:
-        vary: What each setting may be.
-        draw: Place, shape (len(vary),), each in [0, 1).
+        vary: Range or choices of each setting.
+        draw: Coordinates, shape (len(vary),), each in [0, 1).
 
     Returns:
         Value by dotted name.
@@ -119,7 +118,7 @@ def point_at(vary: Mapping[str, Any], draw: FloatArray) -> Point:
 
 
 def is_whole(name: str, entry: Range) -> bool:
-    """True if a range has whole numbers only."""
+    """Whether a range is integer-valued."""
     return entry.integer or setting_fields()[name].annotation is int
 
 
@@ -127,26 +126,26 @@ def _value(name: str, entry: Any, u: float) -> Any:
     if not isinstance(entry, Range):
         return entry[int(u * len(entry))]
     whole = is_whole(name, entry)
-    # Every whole number gets an equal share, the ends too.
+    # Equal probability of all integers, the ends included.
     low, high = (entry.low, entry.high + 1.0) if whole else (entry.low, entry.high)
     value = low * (high / low) ** u if entry.log else low + u * (high - low)
     return min(math.floor(value), int(entry.high)) if whole else min(value, entry.high)
 
 
-# An optuna design has no points yet; so many random ones stand for them in the check.
+# Number of random points by which an Optuna design is validated.
 _PROBES = 64
-# As many as `n` may be in a random design.
+# Maximum number of points, as of a random design.
 _MOST_POINTS = 100_000
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """A checked sweep.
+    """A validated sweep.
 
     Attributes:
-        spec: The settings of the file.
+        spec: Content of the file.
         walks: The recordings.
-        points: Points of each case by its name; empty for an optuna design, whose points depend on results.
+        points: Points by name of the case; empty for an Optuna design, whose points depend on results.
     """
 
     spec: SweepSpec
@@ -155,7 +154,7 @@ class SweepPlan:
 
 
 def shipped_studies() -> dict[str, Path]:
-    """The studies that ship with the package, by name."""
+    """Files of the shipped studies, by name."""
     folder = Path(str(files("experiments").joinpath("studies")))
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
@@ -163,18 +162,18 @@ def shipped_studies() -> dict[str, Path]:
 def load_plan(
     name_or_path: str | Path, recordings: Sequence[str] | None = None, fitted: Path | None = None
 ) -> SweepPlan:
-    """Read and check a sweep file.
+    """Load and validate a sweep file.
 
     Args:
         name_or_path: YAML file or name of a shipped study.
-        recordings: Recordings to use in place of the file's.
-        fitted: Model or models of the predictor `walker` to use in place of the file's.
+        recordings: Recordings that override the file's.
+        fitted: Model or models of the predictor `walker` that override the file's.
 
     Returns:
         The plan.
 
     Raises:
-        SettingsError: With all that is wrong with the file and its recordings, one line each.
+        SettingsError: With all errors of the file and its recordings, one line each.
     """
     path = _find(name_or_path)
     data = _read(path)
@@ -236,7 +235,7 @@ def _unresolvable(case: Case, points: Iterable[Point]) -> list[str]:
         except SettingsError as error:
             problems += [f"case {case.name}: {line}" for line in str(error).splitlines()]
     try:
-        # An option may be for some of the points only, but not for none.
+        # An option has to apply to at least one point.
         options = {name.removeprefix(OPTION): 0 for each in values for name in each if name.startswith(OPTION)}
         predictors = {each.get("predictor", DEFAULT_PREDICTOR) for each in values}
         check_parts({each["controller"] for each in values if "controller" in each}, predictors, options)

@@ -15,7 +15,7 @@ from gazempc.specfiles import explain
 Design = Literal["grid", "random", "sobol", "optuna"]
 Direction = Literal["maximize", "minimize"]
 
-# What a figure may put on an axis besides the settings that vary.
+# Labels for the axes of figures, besides the varied settings.
 LABELS = ("case", "group", "controller")
 _MORE_IS_BETTER = ("eye_contact_2p6", "eye_contact_4", "eye_contact_9", "sparc", "ldlj")
 
@@ -51,7 +51,7 @@ def _check_vary(vary: dict[str, Any]) -> dict[str, Any]:
                 problems.append(f"{name}: an empty list of values")
             results = [check_value(name, value) for value in entry]
             problems += [f"{name}: {problem}" for _, problem in results if problem]
-            # A value given twice is one point.
+            # Without duplicates.
             checked[name] = tuple(dict.fromkeys(value for value, problem in results if not problem))
         elif isinstance(entry, dict):
             try:
@@ -96,7 +96,7 @@ def _one_or_many(value: Any) -> Any:
 
 Base = Annotated[dict[str, Any], AfterValidator(_check_base)]
 Vary = Annotated[dict[str, Any], AfterValidator(_check_vary)]
-# Points of a random, sobol or optuna design.
+# Number of points of a random, sobol or optuna design.
 Count = Annotated[int | None, Field(ge=1, le=100_000)]
 Metric = Annotated[str, AfterValidator(_check_metric)]
 
@@ -120,7 +120,7 @@ class Figures(_Strict):
 
 
 class Case(_Strict):
-    """A named part of a sweep; what it does not say is as in the sweep."""
+    """A named part of a sweep; unset fields have the values of the sweep."""
 
     name: str = Field(min_length=1)
     base: Base = {}
@@ -154,7 +154,7 @@ class SweepSpec(_Strict):
     cases: tuple[Case, ...] = ()
 
     def all_cases(self) -> tuple[Case, ...]:
-        """The cases with everything filled in; the sweep itself where it has none."""
+        """Complete cases, with the defaults of the sweep; the sweep itself if it has no cases."""
         return tuple(
             Case.model_construct(
                 name=case.name,
@@ -167,7 +167,7 @@ class SweepSpec(_Strict):
         )
 
     def varied(self) -> tuple[str, ...]:
-        """Names that vary in any case."""
+        """Names of the settings that vary in any case."""
         return tuple(dict.fromkeys(name for case in self.all_cases() for name in case.vary))
 
     @model_validator(mode="after")
@@ -206,5 +206,5 @@ class SweepSpec(_Strict):
 
 
 def direction_of(metric: str) -> Direction:
-    """Whether more or less of a metric is better."""
+    """Direction of improvement of a metric."""
     return "maximize" if metric in _MORE_IS_BETTER else "minimize"

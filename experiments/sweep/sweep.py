@@ -24,30 +24,30 @@ from experiments.sweep.spec import Case, Range
 from gazempc.results.run_summary import versions
 from gazempc.settings import WalkerSettings
 
-# Trials proposed together and evaluated in parallel. Fixed, not the number of workers, so that the trials do not
-# depend on the machine.
+# Number of trials proposed together and evaluated in parallel. Independent of the number of workers, so that the trials
+# are the same on all machines.
 BATCH = 8
 
-# Means of the objectives for each point; None where a run failed.
+# Means of the objectives for each point; None if a run failed.
 Score = Callable[[Sequence[Point]], list[list[float] | None]]
 
 
 def tune(plan: SweepPlan, case: Case, score: Score) -> list[Point]:
-    """Propose points by a multi-objective tree of Parzen estimators and score them, `BATCH` at a time.
+    """Propose points by a multi-objective tree-structured Parzen estimator and score them, `BATCH` at a time.
 
-    Each batch is proposed from the finished batches before it alone and with a seed of its own. As the results of all
-    runs are kept, an interrupted tuning proposes the same batches again, finds their scores, and goes on.
+    Each batch depends on the earlier batches and its own seed only. With cached results, an interrupted tuning repeats
+    the same proposals and resumes.
 
     Args:
         plan: The sweep.
         case: The case, complete.
-        score: Scores points.
+        score: Objective function of a batch of points.
 
     Returns:
-        The points in the order of the trials; ``n`` of them.
+        The ``n`` points in the order of the trials.
 
     Raises:
-        MissingOptionalDependencyError: Without Optuna.
+        MissingOptionalDependencyError: If Optuna is not installed.
     """
     import optuna  # noqa: PLC0415
     from optuna.trial import TrialState, create_trial  # noqa: PLC0415
@@ -89,20 +89,20 @@ def _distribution(name: str, entry: Any) -> Any:
 
 
 def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None) -> list[Row]:
-    """Do all runs of a sweep; those that have a result in `out` are not done again.
+    """Execute all runs of a sweep without a cached result in `out`.
 
     Args:
         plan: The sweep, see `experiments.sweep.plan.load_plan`.
-        out: Folder for the results, and for the trials of a tuning.
+        out: Folder of the results, and of the trials of a tuning.
         jobs: Worker processes on this machine.
-        dask: Address of the scheduler of a cluster that does the runs instead.
+        dask: Address of the scheduler of a cluster; None for this machine.
 
     Returns:
-        A row for each run: labels, the settings that vary, ``left_out`` and ``failed``, and all metrics.
+        One row a run: labels, varied settings, ``left_out`` and ``failed``, and all metrics.
 
     Raises:
-        MissingOptionalDependencyError: If Optuna or dask.distributed is needed and not installed.
-        GazempcError: If worker processes die, with what was done kept; or if no scheduler answers.
+        MissingOptionalDependencyError: If Optuna or dask.distributed is required and not installed.
+        GazempcError: If worker processes die (finished results are kept), or the scheduler does not respond.
     """
     cases = plan.spec.all_cases()
     if any(case.design == "optuna" for case in cases):
@@ -110,7 +110,7 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
     tuned = sum(case.n or 0 for case in plan.spec.all_cases() if case.design == "optuna")
     total = len(plan.walks) * (tuned + sum(map(len, plan.points.values())))
     with Engine(out / "runs", jobs, dask, total=total) as engine:
-        # All points that are known go to the workers at once; those of a tuning follow batch by batch.
+        # All fixed points in parallel; those of a tuning follow batch by batch.
         known = [(case, i, point) for case in cases for i, point in enumerate(plan.points[case.name])]
         rows = _rows(plan, engine, known)
         for case in (case for case in cases if case.design == "optuna"):
@@ -150,17 +150,17 @@ class SweepSettings(WorkSettings):
 
 
 def sweep(settings: SweepSettings, command: str = "") -> int:
-    """Do all runs and write tables and figures.
+    """Execute all runs and write tables and figures.
 
     Args:
-        settings: What to sweep and where.
-        command: What repeats it; without it this very call.
+        settings: Settings of the command.
+        command: Command line that reproduces it; default: this call.
 
     Returns:
         Exit status, see `main`.
 
     Raises:
-        GazempcError: On bad input, before anything runs; or if worker processes die, with what was done kept.
+        GazempcError: On invalid input, before any run; or if worker processes die (finished results are kept).
     """
     plan = load_plan(settings.sweep, settings.recordings, settings.walker.fitted)
     out = settings.out or Path("out/sweep") / plan.spec.name

@@ -57,7 +57,7 @@ def _on_each_axis(blocks: list[list[FloatArray]]) -> FloatArray:
 
 
 def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[float, ...]) -> KalmanFilter:
-    """A Kalman filter of position and derivatives at a first position.
+    """Kalman filter of position and derivatives, initialised at a position.
 
     Args:
         position_m: The position, shape (3,), metres.
@@ -65,7 +65,7 @@ def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[fl
         derivative_sds: Prior standard deviation of each derivative on each axis, m/s, m/s^2, ...
 
     Returns:
-        The filter; the derivatives are zero.
+        The filter; the means of the derivatives are zero.
     """
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 
@@ -82,9 +82,9 @@ class ConstantAcceleration(GatedFilter):
     """Constant-acceleration Kalman filter driven by the time stamps of the observations; see `GatedFilter`.
 
     Args:
-        jerk_psd: Power spectral density of the head's jerk on each axis, m^2/s^5. The default has the least error
-            at 0.5 s over walking people at the noise below.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
+        jerk_psd: Power spectral density of the head's jerk on each axis, m^2/s^5. The default minimises the
+            error at 0.5 s on walking people at the default noise.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
     """
 
     def __init__(self, jerk_psd: float = 0.003, position_noise_m: float = 0.01) -> None:

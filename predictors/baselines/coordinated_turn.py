@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 YawCues = Literal["none", "pelvis", "both"]
 _CUES_USED: dict[YawCues, int] = {"none": 0, "pelvis": 1, "both": 2}  # of pelvis, head
 
-# Gauss-Legendre on [0, 1]. Five nodes are exact to 1e-8 for a turn of pi; and unlike the closed form of the arc,
-# a quadrature has no singularity at a turn rate of zero.
+# Gauss-Legendre quadrature on [0, 1]: error 1e-8 with five nodes for a turn of pi. The closed form of the arc is
+# singular at zero turn rate.
 _nodes, _weights = np.polynomial.legendre.leggauss(5)
 NODES: FloatArray = (_nodes + 1.0) / 2.0
 WEIGHTS: FloatArray = _weights / 2.0
@@ -30,13 +30,13 @@ _SPEED, _HEADING, _TURN_RATE, _PELVIS_OFFSET, _HEAD_OFFSET = range(2, 7)
 _STANDS_BELOW_M_S = 0.2
 _WALKS_FROM_M_S = 0.3
 INITIAL_TURN_RATE_SD_RAD_S = 0.5
-# By how much people's heads and pelvises, as tracked, point aside of where they walk, and how that drifts.
+# Measured offsets of pelvis and head yaw from the direction of travel: prior, and random walk.
 _OFFSET_SD_RAD = np.array([0.1, 0.2])
 _OFFSET_WALK_RAD2_PER_S = np.array([0.0004, 0.0004])
-# Standard deviation of the yaw about its mean, pelvis and head. It is larger than the sensor's noise: both swing with
-# the stride, which lasts many frames.
+# Standard deviation of the yaw about its mean, pelvis and head. Larger than the sensor's noise: the swing of the stride
+# is correlated over many frames.
 _YAW_SD_RAD = (0.15, 0.2)
-# The sensor's own share of it, where it states none: that of the reference sensor, 2 degrees.
+# Contribution of the sensor if it states none: that of the reference sensor, 2 degrees.
 _SENSOR_YAW_SD_RAD = 0.035
 
 
@@ -45,7 +45,7 @@ def turned_per_rate_s(time_s: FloatArray, decay_time_s: float) -> FloatArray:
 
     Args:
         time_s: Times, any shape, seconds.
-        decay_time_s: Time constant with which the turn rate dies away, seconds.
+        decay_time_s: Time constant of the turn rate's exponential decay, seconds.
 
     Returns:
         Radians per rad/s, of the same shape; the time itself where the decay is slow.
@@ -56,16 +56,16 @@ def turned_per_rate_s(time_s: FloatArray, decay_time_s: float) -> FloatArray:
 def arc(
     heading_rad: FloatArray, turn_rate_rad_s: FloatArray, time_s: FloatArray, decay_time_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Way made over a time, per speed.
+    """Displacement along an arc, per unit of speed.
 
     Args:
-        heading_rad: Headings at the start, from +x towards +y, radians; broadcasts with the two below.
-        turn_rate_rad_s: Turn rates at the start, rad/s.
-        time_s: Times, seconds; zero and negative ones are fine.
-        decay_time_s: Time constant with which the turn rate dies away, seconds.
+        heading_rad: Initial headings, from +x towards +y, radians; broadcasts with the next two.
+        turn_rate_rad_s: Initial turn rates, rad/s.
+        time_s: Times, seconds, of any sign.
+        decay_time_s: Time constant of the turn rate's exponential decay, seconds.
 
     Returns:
-        The way, metres per m/s, shape (..., 2), and its derivative to the turn rate, shape (..., 2).
+        Displacement, metres per m/s, shape (..., 2), and its derivative with respect to the turn rate, shape (..., 2).
     """
     time = np.asarray(time_s)[..., None]
     turned = turned_per_rate_s(time * NODES, decay_time_s)
@@ -78,15 +78,15 @@ def arc(
 
 
 def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[FloatArray, FloatArray]:
-    """Carry a walker on, with the derivatives.
+    """State transition, with its Jacobian.
 
     Args:
         x: State [x, y, speed, heading, turn rate, pelvis offset, head offset], shape (7,), metres, seconds, radians.
         dt_s: Time steps, any shape (...), seconds.
-        turn_time_s: Time constant with which the turn rate dies away, seconds.
+        turn_time_s: Time constant of the turn rate's exponential decay, seconds.
 
     Returns:
-        The states after these times, shape (..., 7), and their Jacobians to x, shape (..., 7, 7).
+        The states after these times, shape (..., 7), and their Jacobians with respect to x, shape (..., 7, 7).
     """
     dt = np.asarray(dt_s)
     way, way_by_rate = arc(x[_HEADING], x[_TURN_RATE], dt, turn_time_s)
@@ -107,17 +107,17 @@ def transition(x: FloatArray, dt_s: FloatArray, turn_time_s: float) -> tuple[Flo
 class CoordinatedTurn(Refinement):
     """CTRV filter: constant speed and a turn rate that decays.
 
-    A `ConstantVelocity` filter gives gate, height and start. Below 0.2 m/s there is no heading, and the forecast is
-    that of the `ConstantVelocity` filter. A measured yaw is modelled as the heading plus a constant of the person,
-    which the filter estimates. A stated standard deviation of the yaw is added to the swing of the body.
+    A `ConstantVelocity` filter provides gate, height and initialisation. Below 0.2 m/s the heading is undefined, and
+    the forecast is that of the `ConstantVelocity` filter. A measured yaw is modelled as the heading plus a constant
+    offset of the person, which the filter estimates. The stated variance of the yaw is added to that of the swing.
 
     Args:
-        yaw_cues: Which orientations are used; those that an observation does not have are done without.
+        yaw_cues: Orientations that are used, if an observation has them.
         acceleration_psd: Power spectral density of the acceleration along the path, m^2/s^3.
-        heading_psd: Power spectral density of the heading's own rate, rad^2/s: the head's sway, which is no turn.
+        heading_psd: Power spectral density of white noise on the heading's rate, rad^2/s: lateral sway.
         turn_psd: Power spectral density of the turn rate's derivative, rad^2/s^3.
-        turn_time_s: Time constant with which the turn rate dies away, seconds; the textbook's is endless.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
+        turn_time_s: Time constant of the turn rate's exponential decay, seconds; infinite in the textbook model.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
     """
 
     _walks: bool
@@ -141,11 +141,11 @@ class CoordinatedTurn(Refinement):
         self._R = position_noise_m**2 * np.eye(3)
         super().__init__(ConstantVelocity(position_noise_m=position_noise_m))
 
-    def _take_in(self, observation: HeadObservation) -> None:
+    def _refine(self, observation: HeadObservation) -> None:
         _, x, _ = self._position.state()
         speed_m_s = float(np.hypot(x[3], x[4]))
         if self._walks:
-            self._walks = speed_m_s >= _STANDS_BELOW_M_S and self._follow(observation)
+            self._walks = speed_m_s >= _STANDS_BELOW_M_S and self._correct(observation)
         if not self._walks and speed_m_s >= _WALKS_FROM_M_S:
             self._begin()
         self._time_s = observation.capture_time_s
@@ -155,21 +155,21 @@ class CoordinatedTurn(Refinement):
         steady = self._position.forecast(times_s)
         if self._filter is None or not self._walks:
             return steady
-        x, P = self._ahead(steady.times_s - self._time_s)
+        x, P = self._predict(steady.times_s - self._time_s)
         means, covariances = steady.means_base_m.copy(), steady.covariances_m2.copy()
         means[:, :2] = x[:, :2]
         covariances[:, :2, :2] = P[:, :2, :2]
         return Forecast(steady.times_s, means, covariances, steady.issued_at_s)
 
-    def _forget(self) -> None:
+    def _reset_estimates(self) -> None:
         self._filter: ExtendedKalmanFilter | None = None
         self._walks = False
         self._time_s = -np.inf
 
-    def _ahead(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _predict(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         assert self._filter is not None
         x, F = transition(self._filter.x, dt_s, self._turn_time_s)
-        # White noise that enters at some time on the way is carried on to its end; the quadrature sums over when.
+        # Integral over the noise's time of entry, each contribution propagated to the end, by quadrature.
         forward = np.maximum(dt_s, 0.0)[:, None]
         _, since = transition(self._filter.x, forward * NODES, self._turn_time_s)
         columns = since[..., [_SPEED, _HEADING, _TURN_RATE]] * np.sqrt((forward * WEIGHTS)[..., None, None] * self._psd)
@@ -179,7 +179,7 @@ class CoordinatedTurn(Refinement):
         return x, (P + np.swapaxes(P, 1, 2)) / 2.0
 
     def _begin(self) -> None:
-        """Take position, speed and heading from the steady walk, and an unknown turn rate."""
+        """Initialise position, speed and heading from the constant-velocity filter, the turn rate from its prior."""
         from filterpy.kalman import ExtendedKalmanFilter  # noqa: PLC0415
 
         _, steady, spread = self._position.state()
@@ -190,7 +190,7 @@ class CoordinatedTurn(Refinement):
         to_polar[2:, 3:5] = [[c, s], [-s / speed, c / speed]]
         ekf = ExtendedKalmanFilter(dim_x=7, dim_z=1)
         ekf.x, ekf.P = np.zeros(7), np.diag([0.0] * 5 + list(_OFFSET_SD_RAD**2))
-        if self._filter is not None:  # the offsets belong to the person and outlast a stop
+        if self._filter is not None:  # the offsets are constants of the person: kept over a stop
             ekf.x[5:], ekf.P[5:, 5:] = self._filter.x[5:], self._filter.P[5:, 5:]
         ekf.x[:4] = [steady[0], steady[1], speed, heading]
         ekf.P[:4, :4] = to_polar @ spread @ to_polar.T
@@ -198,20 +198,20 @@ class CoordinatedTurn(Refinement):
         self._filter = ekf
         self._walks = True
 
-    def _follow(self, observation: HeadObservation) -> bool:
-        """Update the walk; False if it does not look like one, so that it has to begin anew."""
+    def _correct(self, observation: HeadObservation) -> bool:
+        """Update the state; False if it has to be initialised again: innovation outside the gate, or too slow."""
         ekf = self._filter
         assert ekf is not None
         since_s = observation.capture_time_s - self._time_s
-        x, P = self._ahead(np.array([since_s]))
+        x, P = self._predict(np.array([since_s]))
         ekf.x, ekf.P = x[0], P[0]
-        seen = observation.head_position_base_m[:2]
+        measured_m = observation.head_position_base_m[:2]
         R = noise_m2(observation, self._R)[:2, :2]
-        spread = np.eye(3)  # the height is judged already
+        spread = np.eye(3)  # the height is gated by the constant-velocity filter
         spread[:2, :2] = ekf.P[:2, :2] + R
-        if not is_near(np.append(seen - ekf.x[:2], 0.0), spread, since_s):
+        if not is_near(np.append(measured_m - ekf.x[:2], 0.0), spread, since_s):
             return False
-        ekf.update(seen, lambda _: np.eye(2, 7), lambda x: x[:2], R=R)
+        ekf.update(measured_m, lambda _: np.eye(2, 7), lambda x: x[:2], R=R)
         cues = (observation.pelvis_quat_wxyz, observation.head_quat_wxyz)
         stated_rad = (observation.pelvis_yaw_sd_rad, observation.head_yaw_sd_rad)
         for i, quat in enumerate(cues[: _CUES_USED[self._yaw_cues]]):

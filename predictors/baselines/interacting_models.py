@@ -1,4 +1,4 @@
-"""Interacting multiple models: walking straight, turning left and turning right, by their probabilities."""
+"""Interacting multiple models: straight walk, left turn and right turn."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def turning_transition(dt_s: FloatArray | float, turn_rate_rad_s: float) -> Floa
     """
     dt = np.asarray(dt_s)
     angle = turn_rate_rad_s * dt
-    # The sinc has no singularity at a turn rate of zero.
+    # Written with sinc, which is regular at zero turn rate.
     along, aside = dt * np.sinc(angle / np.pi), dt * np.sinc(angle / (2.0 * np.pi)) * np.sin(angle / 2.0)
     c, s = np.cos(angle), np.sin(angle)
     F = np.broadcast_to(np.eye(6), (*dt.shape, 6, 6)).copy()
@@ -45,14 +45,14 @@ def turning_transition(dt_s: FloatArray | float, turn_rate_rad_s: float) -> Floa
 
 
 def mode_transition(dt_s: float, mode_time_s: float) -> FloatArray:
-    """Probabilities of going from one mode to another within a time step.
+    """Transition probabilities of the modes over a time step.
 
     Args:
         dt_s: Time step, seconds.
-        mode_time_s: Mean time that a mode lasts, seconds; either of the others follows.
+        mode_time_s: Mean sojourn time of a mode, seconds; transitions to both other modes are equally probable.
 
     Returns:
-        Shape (3, 3), from row to column: the exponential of the rates, so two steps are one of their sum.
+        Shape (3, 3), from row to column: matrix exponential of the rates, exact for any division into time steps.
     """
     kept = np.exp(-1.5 * dt_s / mode_time_s)
     return np.asarray(kept * np.eye(3) + (1.0 - kept) / 3.0)
@@ -63,9 +63,9 @@ class InteractingModels(GatedFilter):
 
     Args:
         turn_rate_rad_s: Rate of the turns, rad/s.
-        mode_time_s: Mean time that a mode lasts, seconds.
+        mode_time_s: Mean sojourn time of a mode, seconds.
         acceleration_psd: Power spectral density of the head's acceleration on each axis, in all modes, m^2/s^3.
-        position_noise_m: Standard deviation of a position measurement on each axis, metres, where none is stated.
+        position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
     """
 
     def __init__(
@@ -82,10 +82,10 @@ class InteractingModels(GatedFilter):
         super().__init__(position_noise_m)
 
     def probabilities(self) -> FloatArray:
-        """How probable the modes are.
+        """Mode probabilities.
 
         Returns:
-            Of straight, left and right, shape (3,).
+            Probabilities of straight, left and right, shape (3,).
 
         Raises:
             NotReadyError: If there has been no observation since the last reset.
@@ -96,7 +96,7 @@ class InteractingModels(GatedFilter):
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`.
 
-        Each mode is carried to the time asked for; mean and covariance are those of the mixture.
+        Each mode is extrapolated to the forecast time; mean and covariance are those of the mixture.
         """
         weights = self.probabilities()
         times = as_times(times_s)
@@ -121,8 +121,8 @@ class InteractingModels(GatedFilter):
 
     def _predict(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
         imm = self._imm
-        # The probabilities for this time step. filterpy takes those of its last step, and after a refused
-        # observation would forget that modes may have changed since.
+        # Transition probabilities of this time step: filterpy keeps those of its last step, which after a rejected
+        # observation would leave out the transitions since.
         changes = mode_transition(dt_s, self._mode_time_s)
         imm.cbar = imm.mu @ changes
         imm.omega = imm.mu[:, None] * changes / imm.cbar

@@ -1,4 +1,4 @@
-"""Interpolation of a forecast between its knots."""
+"""Interpolation of departures and standard deviations between the knots."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from predictors.types import FloatArray
 from predictors.walker.network import KNOTS_S
 
 _LAST_KNOT_S = float(KNOTS_S[-1])
-# Exponent of the error beyond the last knot: that of a velocity that is a random walk.
+# Growth exponent of the error beyond the last knot: the velocity as a random walk.
 _GROWTH = 1.5
 _SPLINE = CubicSpline(KNOTS_S, np.eye(KNOTS_S.size))
 _END_SLOPE = (_SPLINE(KNOTS_S[-1]) - _SPLINE(KNOTS_S[-2])) / (KNOTS_S[-1] - KNOTS_S[-2])
-# Spline and linear weights of the knots, tabulated every millisecond: a lookup takes a tenth of the time of evaluating
-# the spline; linear interpolation between entries is exact to 1e-5.
+# Spline and linear weights of the knots, tabulated every millisecond: a lookup takes a tenth of the time of a spline
+# evaluation; the error of linear interpolation between entries is below 1e-5.
 _TABLE_STEP_S = 1e-3
 _TABLE_S = np.arange(round(KNOTS_S[-1] / _TABLE_STEP_S) + 2) * _TABLE_STEP_S
 _TABLE = np.hstack(
@@ -28,7 +28,7 @@ class BetweenKnots:
 
     Args:
         departure_m: Departures at the knots, shape (knots, 3).
-        spread_m: Standard deviations at the knots, shape (knots, columns), such as `WalkerModel.spread_m` gives.
+        spread_m: Standard deviations at the knots, shape (knots, columns), as from `WalkerModel.spread_m`.
     """
 
     def __init__(self, departure_m: FloatArray, spread_m: FloatArray) -> None:
@@ -38,15 +38,15 @@ class BetweenKnots:
         np.maximum.accumulate(spread_m, axis=0, out=self._values[KNOTS_S.size :, 3:])
 
     def __call__(self, tau_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Look up horizons.
+        """Interpolate at the given horizons.
 
         Args:
             tau_s: Horizons, shape (H,), seconds.
 
         Returns:
             Departures, shape (H, 3): cubic spline between the knots, constant before the first, linear after the last.
-            Standard deviations, shape (H, columns): linear between the knots, monotone in the horizon, growing with its
-            power 1.5 after the last; symmetric in past and future.
+            Standard deviations, shape (H, columns): linear between the knots, nondecreasing in the horizon, growing
+            with its power 1.5 after the last; symmetric in past and future.
         """
         past = bool(np.minimum.reduce(tau_s, initial=0.0) < 0.0)
         away_s = np.abs(tau_s) if past else tau_s

@@ -15,25 +15,25 @@ from predictors.walker.memories import MEMORIES_MIRROR, N_MEMORIES, Memories
 from predictors.walker.noise import N_COLOURS, PRIOR_M, MeasuredColour, without_stated
 from predictors.walker.window import LAGS_S, STEP_S, WINDOW, TrackWindow
 
-# The direction of travel is undefined below the first speed and has full weight from the second.
+# Ramp of the weight of the direction of travel: it is undefined below the first speed.
 _STANDS_BELOW_M_S, _WALKS_ABOVE_M_S = 0.2, 0.5
-# Rounding: below it, as at a first frame, the line has no direction.
+# Rounding: a slower line, as at a first frame, has no direction.
 _NO_DIRECTION_M_S = 1e-6
-# Between these speeds, above any walk, the networks' departure fades out.
+# Speeds above walking, between which the networks' departure fades out.
 _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S = 2.2, 3.0
 _YAW_FADES_IN_S = 0.5
 _OFFSET_PRIOR_FRAMES = 15.0
-# Offsets of pelvis and head yaw above these ranges are the mounting of a sensor or marker, not of the person; they are
-# subtracted once they have been observed for these numbers of frames.
+# Mean offsets of pelvis and head yaw: larger ones are attributed to the mounting of a sensor or marker and subtracted,
+# ramped over these ranges of angle and numbers of frames.
 _MOUNTING_RAD, _MOUNTING_FRAMES = ((0.25, 0.4), (0.35, 0.5)), (5.0, 15.0)
-# A yaw farther from the direction of travel is sideways or backward walking, or an outlier: its weight fades out.
+# Angle to the direction of travel over which a yaw's weight fades out: sideways or backward walking, or an outlier.
 _NOT_FORWARD_RAD = (1.4, 1.9)
 # Scales that make each input of order one for walking people.
 _POSITION_SCALE_M, _PELVIS_SCALE_RAD, _HEAD_SCALE_RAD, _OFFSET_SCALE_RAD = 0.04, 0.15, 0.2, 0.1
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, NOISE_SCALE_M = 1.1, 0.3, 0.01
 _LARGEST, _SMALLEST_NOISE = 4.0, 0.1
 _NOTHING_STATED_M2 = np.zeros(3)
-_ROUNDING_M2 = 1e-12  # a stated covariance may be next to singular
+_ROUNDING_M2 = 1e-12  # a stated covariance may be nearly singular
 
 _POSITIONS = slice(0, 3 * WINDOW)
 _YAWS = slice(3 * WINDOW, 5 * WINDOW)
@@ -42,22 +42,22 @@ _ODD_SCALARS = 3  # the first scalars are odd under a left-right reflection
 _COLOURS = slice(_SCALARS + 14, _SCALARS + 14 + N_COLOURS)
 _MEMORIES = slice(_COLOURS.stop, _COLOURS.stop + N_MEMORIES)
 N_INPUTS = _MEMORIES.stop
-# Inputs for the weight of pelvis and head orientation, 0 to 1.
+# Inputs that hold the weights of pelvis and head orientation, 0 to 1.
 KNOWN = slice(_SCALARS + 7, _SCALARS + 9)
-# Inputs for the error of the observed position: correlation of along and across; logarithms of its sizes.
+# Inputs that hold the measurement noise: correlation of along and across; logarithms of the standard deviations.
 CORRELATION, LOG_SD = _SCALARS + 2, slice(_SCALARS + 9, _SCALARS + 12)
 OF_YAWS = np.r_[_YAWS, _SCALARS : _SCALARS + 2, KNOWN, _COLOURS.start + 6 : _COLOURS.stop]
 N_SPREAD = 12 + N_ERRORS + N_COLOURS
 
 
-# Errors of a precise tracker, such as motion capture, metres: full weight and none, for the white error of the position
-# (at least 2 mm, the floor of `MeasuredNoise`) and for third differences over four frames, which hold gait alone there.
-# Chosen on 13 walks: trackers with at most 2 mm of white error that wander by 8 to 20 mm have 0.1 % more error in the
+# Precise trackers, such as motion capture: ramps from full to zero weight over the white error of the position (at
+# least 2 mm, the floor of `MeasuredNoise`) and over third differences of four frames, gait alone there; metres.
+# Chosen on 13 walks: trackers with at most 2 mm of white error and 8 to 20 mm of wander have 0.1 % more error in the
 # mean, 1.3 % in one walk.
 _PRECISE_WHITE_M, _PRECISE_WANDER_M = (0.0025, 0.0032), (0.0065, 0.008)
-# Share of measurements in both errors from which the weight is full: for the wander a quarter of a second. Trackers
-# below 14 frames a second, whose white error is not measured, are not precise: with `reference` at 10 Hz the networks
-# for precise trackers have 25 % more error.
+# Share of measurements in both estimates at which the weight is full: for the wander a quarter of a second. The weight
+# is zero below 14 frames a second, where the white error is not measured: with `reference` at 10 Hz the networks for
+# precise trackers have 25 % more error.
 _MEASURED_SHARE = 0.25
 
 
@@ -76,21 +76,21 @@ MIRROR = _mirror()
 
 @dataclass(frozen=True)
 class WalkerInputs:
-    """A line through the recent walk, and the inputs of the network in the line's frame.
+    """A line fitted to the recent walk, and the inputs of the networks in the line's frame.
 
     Attributes:
         line: The line.
-        on_foot: 0 at a first frame and at speeds at which people run or ride, 1 at all others; between the two at the
-            limits.
+        on_foot: Weight of the networks, 0 to 1: 0 at a first frame and at speeds of running or riding, 1 at walking
+            speeds and at rest, a ramp between.
         network: Inputs of the network, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
         stated_sd_m: Stated standard deviation of the observed position along, across and up, shape (3,), metres; zeros
-            where the tracker states none.
-        stated_base_m2: Its covariance in the base frame, shape (3, 3), square metres.
+            if none is stated.
+        stated_base_m2: Stated covariance of the position in the base frame, shape (3, 3), square metres.
         line_m_s: Velocity of the line along, across and up, shape (3,).
-        places_m: Places at which the person may stay, relative to the line's origin, along, across and up, shape
+        places_m: Candidate places of staying relative to the line's origin, along, across and up, shape
             (N_PLACES, 3), metres.
-        precise: Weight of the networks for precise trackers, 0 to 1, by the measured or stated error.
+        precise: Weight of the networks for precise trackers, 0 to 1, from the measured or stated error.
     """
 
     line: Line
@@ -107,13 +107,13 @@ class WalkerInputs:
 class WalkerHistory:
     """The last 1.2 s of one person, and parameters of person and tracker estimated online.
 
-    Learned are the constant offsets of head and pelvis yaw from the direction of travel, the spectrum of the tracker's
-    error, and the errors of the straight-line forecast.
+    The parameters are the constant offsets of head and pelvis yaw from the direction of travel, the spectrum of the
+    tracker's error, and the errors of the straight-line forecast.
     """
 
     def __init__(self) -> None:
         self.window = TrackWindow()
-        self._offset_sums = [0j, 0j]  # unit vectors, so that an offset near pi has a mean
+        self._offset_sums = [0j, 0j]  # sums of unit vectors: circular mean
         self._offset_weights = [0.0, 0.0]
         self._colour = MeasuredColour()
         self._errors = LineErrors()
@@ -122,11 +122,11 @@ class WalkerHistory:
     def add(
         self, observation: HeadObservation, state: FloatArray, covariance_m2: FloatArray, measured_share: float
     ) -> WalkerInputs:
-        """Take in an observation that is newer than all before it.
+        """Update with an observation and compute the inputs.
 
         Args:
-            observation: The observation.
-            state: Position and velocity of a steady walk at its time, shape (6,), metres and m/s.
+            observation: The observation, newer than all before it.
+            state: Position and velocity of the line's filter at the capture time, shape (6,), metres and m/s.
             covariance_m2: Covariance of the observed position, shape (3, 3), square metres.
             measured_share: Share of measurements in a covariance that is not stated, see `MeasuredNoise`.
 
@@ -151,7 +151,7 @@ class WalkerHistory:
         np.matmul(off, to_line / _POSITION_SCALE_M, out=positions[WINDOW - m :])
         relative = np.pi - (np.pi - (seen[:, 3:] - line.heading_rad)) % (2.0 * np.pi)
         weight = min((now_s - last_s) / STEP_S, 3.0) * walks
-        known, offsets = self._take_offsets_off(relative, fresh, weight, now_s)
+        known, offsets = self._estimate_offsets(relative, fresh, weight, now_s)
         yaws = x[_YAWS].reshape(WINDOW, 2)
         scales = [walks * known[0] / _PELVIS_SCALE_RAD, walks * known[1] / _HEAD_SCALE_RAD]
         np.multiply(relative, scales, out=yaws[WINDOW - m :])
@@ -195,7 +195,7 @@ class WalkerHistory:
             frames,
             float(stated),
         )
-        # The stated error enters the forecast's covariance separately, with its own directions.
+        # The stated covariance enters the forecast's covariance separately, with its principal axes.
         stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2
         spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, stated_m2)
         spread[-N_COLOURS:] = without_stated(colours, stated_m2) if stated else colours
@@ -216,10 +216,10 @@ class WalkerHistory:
         weight *= 1.0 - _ramp(wander_m, *_PRECISE_WANDER_M)
         return weight * min(share / _MEASURED_SHARE, wander_share / _MEASURED_SHARE, 1.0)
 
-    def _take_offsets_off(
+    def _estimate_offsets(
         self, relative: FloatArray, fresh: list[bool], weight: float, now_s: float
     ) -> tuple[list[float], list[float]]:
-        """Learn the yaw offsets, subtract mountings from `relative`; weight and offset of each yaw."""
+        """Estimate the yaw offsets, subtract mountings from `relative`; weight and offset of each yaw."""
         known, offsets = [0.0, 0.0], [0.0, 0.0]
         for i in range(2):
             newest = float(relative[-1, i])

@@ -1,4 +1,4 @@
-"""A straight line through the recent walk, its frame, and the recent errors of its forecast."""
+"""Constant-velocity line of the recent walk, its frame, and the recent errors of its extrapolation."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from predictors.types import FloatArray
 
 _HORIZONS_S = (0.2, 0.5)
 N_ERRORS = 3 * len(_HORIZONS_S)
-# A forecast is compared with the first frame after its time, within this window.
+# Tolerances of the time at which a forecast is compared with a frame.
 _LATE_S, _EARLY_S = 0.25, 0.017
 _MEMORY_S, _PRIOR_S = 1.0, 0.3
-# Errors of a line through people who walk, seen by the sensor `reference`: along, across and up.
+# Typical errors on walking people with the sensor `reference`: along, across and up, at each horizon.
 _USUAL_M = ((0.025, 0.03, 0.02), (0.07, 0.09, 0.035))
 _LARGEST_RATIO2, _SMALLEST_RATIO2 = 25.0, 0.01
 
 
 @dataclass(frozen=True)
 class Line:
-    """A straight line through the recent walk.
+    """Constant-velocity line of the recent walk.
 
     Attributes:
         time_s: Capture time of the newest observation.
-        origin_base_m: Point of the line at that time, shape (3,).
-        velocity_base_m_s: Its slope, shape (3,).
-        heading_rad: Horizontal direction of the slope, about the vertical from +x.
+        origin_base_m: Position at that time, shape (3,).
+        velocity_base_m_s: Velocity, shape (3,).
+        heading_rad: Horizontal direction of the velocity, about the vertical from +x.
     """
 
     time_s: float
@@ -43,11 +43,11 @@ class Line:
 class LineErrors:
     """Mean squares of the errors of recent lines, 0.2 and 0.5 s ahead.
 
-    Python floats: for arrays this small numpy is several times slower.
+    Plain floats: NumPy is several times slower for arrays this small.
     """
 
     def __init__(self) -> None:
-        self._lines: list[list[float]] = []  # each its origin and its slope
+        self._lines: list[list[float]] = []  # origin and velocity of each
         self._times_s: list[float] = []
         self._ratio2 = [1.0] * N_ERRORS
         self._known_s = [0.0] * len(_HORIZONS_S)
@@ -58,10 +58,10 @@ class LineErrors:
         Args:
             position_m: Smoothed position at the line's time, shape (3,), metres.
             line: The newest line; stored for later comparisons.
-            stated_m2: Variances that the tracker states, along, across and up, shape (3,); zeros where it states none.
+            stated_m2: Stated variances along, across and up, shape (3,), square metres; zeros if none are stated.
 
         Returns:
-            N_ERRORS logarithms of the RMS error relative to the usual and the stated error.
+            Logarithms of the RMS errors relative to typical and stated error, N_ERRORS values.
         """
         lines, times_s = self._lines, self._times_s
         dt_s = min(line.time_s - times_s[-1], _LATE_S) if lines else 0.0
@@ -73,15 +73,15 @@ class LineErrors:
             if not until or line.time_s - times_s[until - 1] > horizon_s + _LATE_S:
                 continue
             ahead_s = line.time_s - times_s[until - 1]
-            old_x, old_y, old_z, slope_x, slope_y, slope_z = lines[until - 1]
-            off_x, off_y = x - old_x - ahead_s * slope_x, y - old_y - ahead_s * slope_y
-            off = (c * off_x + s * off_y, c * off_y - s * off_x, z - old_z - ahead_s * slope_z)
+            old_x, old_y, old_z, velocity_x, velocity_y, velocity_z = lines[until - 1]
+            off_x, off_y = x - old_x - ahead_s * velocity_x, y - old_y - ahead_s * velocity_y
+            off = (c * off_x + s * off_y, c * off_y - s * off_x, z - old_z - ahead_s * velocity_z)
             gain = dt_s / (dt_s + min(self._known_s[i] + _PRIOR_S, _MEMORY_S))
             for k in range(3):
                 ratio2 = min(off[k] * off[k] / (_USUAL_M[i][k] ** 2 + stated[k]), _LARGEST_RATIO2)
                 self._ratio2[3 * i + k] += gain * (ratio2 - self._ratio2[3 * i + k])
             self._known_s[i] += dt_s
-        gone = bisect_left(times_s, line.time_s - _HORIZONS_S[-1] - _LATE_S)
+        expired = bisect_left(times_s, line.time_s - _HORIZONS_S[-1] - _LATE_S)
         newest = [*line.origin_base_m.tolist(), *line.velocity_base_m_s.tolist()]
-        self._lines, self._times_s = [*lines[gone:], newest], [*times_s[gone:], line.time_s]
+        self._lines, self._times_s = [*lines[expired:], newest], [*times_s[expired:], line.time_s]
         return [0.5 * math.log(ratio2 + _SMALLEST_RATIO2) for ratio2 in self._ratio2]

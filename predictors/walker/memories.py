@@ -1,4 +1,4 @@
-"""Slower filters and running means of the position: context for walks, places for people who stay."""
+"""Slower filters and running means of the position: inputs of the networks, and candidate places of staying."""
 
 from __future__ import annotations
 
@@ -8,47 +8,47 @@ from predictors.types import FloatArray
 from predictors.walker.line import Line
 
 # Filters of constant velocity: power density of the acceleration, m^2/s^3, and s.d. of a position at 30 frames a
-# second, metres. They remember about 0.4, 0.8 and 1.2 s, the filter of the line 0.2 s. They separate a tracker's
-# wander from a change of direction.
+# second, metres. Time constants of about 0.4, 0.8 and 1.2 s, against 0.2 s of the line's filter, separate a tracker's
+# drift from a change of direction.
 _FILTERS = ((0.05, 0.1), (0.05, 0.42), (0.0125, 0.42))
 _USUAL_HZ = 30.0
-# Measurement noise scales with the frame interval, clipped to these limits.
+# Limits of the frame interval with which the measurement noise scales.
 _SHORTEST_S, _LONGEST_S = 1e-3, 0.1
 _SPEED_VARIANCE_M2_S2 = 1.0
-# Time constants of running means, seconds: a person who stays sways about them and returns to them.
+# Time constants of running means, seconds: a standing person sways about the mean position.
 _MEANS_S = (1.0, 2.5, 6.0)
-# Scales that make each input of order one for people who walk or sway.
+# Scales that make each input of order one for walking or swaying people.
 _POSITION_SCALE_M, _VELOCITY_SCALE_M_S = 0.05, 0.15
 _MEAN_SCALE_M, _SWAY_SCALE_M, _LEAST_SWAY_M = 0.1, 0.05, 0.002
 N_MEMORIES = 6 * len(_FILTERS) + 4 * len(_MEANS_S)
-# Signs of the inputs with left and right exchanged.
+# Signs of the inputs under a left-right reflection.
 MEMORIES_MIRROR = (*(1.0, -1.0, 1.0) * (2 * len(_FILTERS) + len(_MEANS_S)), *(1.0,) * len(_MEANS_S))
-# Places at which the person may stay: the newest position, that of each filter, and each mean.
+# Candidate places of staying: the newest position, the position of each filter, and each mean.
 N_PLACES = 1 + len(_FILTERS) + len(_MEANS_S)
 
 
 class Memories:
-    """Filters and running means of the position, each slower than the line's filter.
+    """Filters and running means of the position, all slower than the line's filter.
 
-    Python floats: for arrays this small numpy is several times slower. The gains depend on time alone, so all axes
-    share them.
+    Plain floats: NumPy is several times slower for arrays this small. The gains depend on time alone and are common to
+    all axes.
     """
 
     def __init__(self) -> None:
         self._time_s: float | None = None
         self._began_s = 0.0
-        # Of each filter: variance of position, covariance with velocity, variance of velocity.
+        # Variance of position, covariance of position and velocity, variance of velocity of each filter.
         self._spread = [(sd_m * sd_m, 0.0, _SPEED_VARIANCE_M2_S2) for _, sd_m in _FILTERS]
         self._states = [[0.0] * 6 for _ in _FILTERS]
-        # Of each mean: x, y, z, and the mean square of the horizontal distance from it.
+        # x, y, z, and mean squared horizontal distance from the mean.
         self._means = [[0.0] * 4 for _ in _MEANS_S]
 
     def add(self, time_s: float, position_m: FloatArray) -> None:
-        """Take in the newest position.
+        """Update with the newest position.
 
         Args:
-            time_s: Its time, seconds.
-            position_m: The position, shape (3,), metres.
+            time_s: Capture time, seconds.
+            position_m: Position, shape (3,), metres.
         """
         position = position_m.tolist()
         if self._time_s is None:
@@ -96,25 +96,25 @@ class Memories:
 
         Returns:
             Inputs of the networks, N_MEMORIES numbers of order one: positions and velocities of the filters relative to
-            the line, along, across and up; the means; logarithms of the sway about them. And the N_PLACES places at
-            which the person may stay, relative to the line's origin, along, across and up, metres.
+            the line, along, across and up; the means; logarithms of the RMS sway. And the N_PLACES candidate places of
+            staying relative to the line's origin, along, across and up, metres.
         """
         c, s = math.cos(line.heading_rad), math.sin(line.heading_rad)
         at_x, at_y, at_z = line.origin_base_m.tolist()
-        slope_x, slope_y, slope_z = line.velocity_base_m_s.tolist()
+        velocity_x, velocity_y, velocity_z = line.velocity_base_m_s.tolist()
 
-        def turned(x: float, y: float, z: float) -> list[float]:
+        def rotated(x: float, y: float, z: float) -> list[float]:
             return [c * x + s * y, c * y - s * x, z]
 
         newest_x, newest_y, newest_z = newest_m.tolist()
-        places = [turned(newest_x - at_x, newest_y - at_y, newest_z - at_z)]
-        found: list[float] = []
+        places = [rotated(newest_x - at_x, newest_y - at_y, newest_z - at_z)]
+        features: list[float] = []
         for x, y, z, u, v, w in self._states:
-            places.append(turned(x - at_x, y - at_y, z - at_z))
-            found += [part / _POSITION_SCALE_M for part in places[-1]]
-            found += [part / _VELOCITY_SCALE_M_S for part in turned(u - slope_x, v - slope_y, w - slope_z)]
+            places.append(rotated(x - at_x, y - at_y, z - at_z))
+            features += [part / _POSITION_SCALE_M for part in places[-1]]
+            features += [part / _VELOCITY_SCALE_M_S for part in rotated(u - velocity_x, v - velocity_y, w - velocity_z)]
         for x, y, z, _ in self._means:
-            places.append(turned(x - at_x, y - at_y, z - at_z))
-            found += [part / _MEAN_SCALE_M for part in places[-1]]
-        found += [math.log(max(math.sqrt(max(m2, 0.0)), _LEAST_SWAY_M) / _SWAY_SCALE_M) for *_, m2 in self._means]
-        return found, places
+            places.append(rotated(x - at_x, y - at_y, z - at_z))
+            features += [part / _MEAN_SCALE_M for part in places[-1]]
+        features += [math.log(max(math.sqrt(max(m2, 0.0)), _LEAST_SWAY_M) / _SWAY_SCALE_M) for *_, m2 in self._means]
+        return features, places

@@ -1,4 +1,4 @@
-"""The file of a walker model: written by a fit, read by the predictor."""
+"""Serialisation of a walker model: saved by a fit, loaded by the predictor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def save_walker_model(model: WalkerModel, path: Path | IO[bytes]) -> None:
 
     Args:
         model: The model.
-        path: The file, or one that is open.
+        path: Path, or open binary file.
     """
     arrays: dict[str, Any] = {name: getattr(model, name) for name in _WHOLE} | {"about": json.dumps(model.about)}
     for name in _ENSEMBLES:
@@ -38,13 +38,13 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
     """Read a model.
 
     Args:
-        path: File written by `save_walker_model`; without it the one that ships with the package.
+        path: File written by `save_walker_model`; default: the shipped model.
 
     Returns:
         The model.
 
     Raises:
-        WalkerModelError: If the file cannot be read or is no such model.
+        WalkerModelError: If the file cannot be read or is not a walker model.
     """
     try:
         with np.load(path, allow_pickle=False) as data:
@@ -70,22 +70,22 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
 
 @cache
 def shipped_walker_model() -> WalkerModel:
-    """The model that ships with the package, read once a process."""
+    """The shipped model, loaded once a process."""
     return load_walker_model()
 
 
 def model_file(fitted: Path, person: str) -> Path:
-    """Which fitted model to use for a person.
+    """Path of the fitted model for a person, out-of-sample if possible.
 
     Args:
-        fitted: A model, or the folder that `python -m experiments.fit` wrote.
-        person: Whose walk is to be forecast.
+        fitted: A model file, or an output folder of `python -m experiments.fit`.
+        person: Subject of the recording.
 
     Returns:
-        The file itself; of a folder, the model fitted without this person, else the one fitted on all.
+        `fitted` if it is a file; else the model fitted without this person, or the one fitted on all people.
 
     Raises:
-        WalkerModelError: If there is none.
+        WalkerModelError: If the folder has no model.
     """
     if not fitted.is_dir():
         return fitted

@@ -1,4 +1,4 @@
-"""The model of `Walker`: an ensemble of networks for the departure from a line, and the spread of its errors."""
+"""The model of `Walker`: ensembles of networks for the departure from a line, and the scale of the forecast errors."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ Float32Array = NDArray[np.float32]
 KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
 # Typical departure at each knot: it scales the networks' outputs to order one.
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
-# A person who stays returns from the newest position, at rest, to the place of staying as a critically damped system
-# with this time constant, seconds. Of 0.25, 0.4 and 0.6 s, on standing people left out of the fit and on bags of a face
-# tracker, with necks of 0.03 to 0.4 s of dead time: a quicker return costs fast necks accuracy, with a slower one the
-# wander of a body tracker comes through.
+# Regime of staying: critically damped return from the newest position, at rest, to the place of staying, with this time
+# constant, seconds. Of 0.25, 0.4 and 0.6 s, on standing people left out of the fit and on bags of a face tracker, with
+# necks of 0.03 to 0.4 s of dead time: a shorter one reduces the accuracy of fast necks, a longer one passes the wander
+# of a body tracker.
 _RETURN_TIME_S = 0.4
 _RETURNED = 1.0 - (1.0 + KNOTS_S / _RETURN_TIME_S) * np.exp(-KNOTS_S / _RETURN_TIME_S)
 _LOG_SPREAD_RANGE = (math.log(0.002), math.log(5.0))  # metres
-# Outputs: departures of a walk from its line, the logit of walking, and logits of the places to stay at.
+# Outputs: departures from the line in the regime of walking, logit of walking, logits of the places of staying.
 DEPARTURES = slice(0, 3 * KNOTS_S.size)
 WALKS, PLACES = DEPARTURES.stop, slice(DEPARTURES.stop + 1, DEPARTURES.stop + 1 + N_PLACES)
 N_OUTPUTS = PLACES.stop
-# Features of the spread beside the inputs: size of the departure across at 0.5 s, across and along at 1 s; disagreement
-# of the networks; distance between walking and staying; probability of walking.
+# Features of the uncertainty model: N_SPREAD inputs; size of the departure across at 0.5 s, across and along at 1 s;
+# standard deviation over the ensemble; distance between walking and staying; probability of walking.
 N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
 _USUAL_DEPARTURE_M = np.array([0.06, 0.2, 0.2])
@@ -42,16 +42,16 @@ _MIRRORED = np.array([1.0, -1.0, 1.0])
 
 
 class WalkerModelError(ValueError):
-    """A file is no model of `Walker`."""
+    """A file or its parameters are not a valid model of `Walker`."""
 
 
 @dataclass(frozen=True)
 class RegimeMotion:
-    """Motion of N people in the two regimes: walking straight on, and staying.
+    """Inputs of the two regimes, walking along the line and staying, for N people.
 
     Attributes:
         line_m_s: Velocity of each line along, across and up, shape (N, 3).
-        places_m: Places to stay at relative to the line's origin, shape (N, N_PLACES, 3), metres.
+        places_m: Candidate places of staying relative to the line's origin, shape (N, N_PLACES, 3), metres.
     """
 
     line_m_s: FloatArray
@@ -59,20 +59,20 @@ class RegimeMotion:
 
     @property
     def walked_m(self) -> FloatArray:
-        """The lines at the knots, relative to their origins, shape (N, knots, 3), metres."""
+        """Displacement along the lines at the knots, shape (N, knots, 3), metres."""
         return KNOTS_S[:, None] * self.line_m_s[:, None, :]
 
 
 @dataclass(frozen=True)
 class Regimes:
-    """Answers of an ensemble: the motion of N people in the two regimes, before the decision between them.
+    """Outputs of an ensemble: the motion of N people in the two regimes, before the decision between them.
 
-    The first axis counts the networks, first those asked as they are, then the mirrored ones.
+    The first axis is the network: E with the given inputs, then E with the mirrored ones.
 
     Attributes:
-        walk_m: Departure from the line of a person who walks, shape (2 E, N, knots, 3), metres along, across and up.
-        stay_m: Of a person who stays, same shape.
-        logit: Evidence of a walk, shape (2 E, N): the logarithm of the odds.
+        walk_m: Departure from the line if the person walks, shape (2 E, N, knots, 3), metres along, across and up.
+        stay_m: Departure from the line if the person stays, same shape.
+        logit: Log-odds of walking, shape (2 E, N).
     """
 
     walk_m: FloatArray
@@ -87,17 +87,17 @@ class Regimes:
 
     @staticmethod
     def mean(parts: list[tuple[Regimes, FloatArray]]) -> Regimes:
-        """Weighted mean of the answers of several ensembles.
+        """Weighted mean of the outputs of several ensembles.
 
         Args:
-            parts: Answers and their weights, shape (N,), which add up to one.
+            parts: Outputs and their weights, shape (N,); the weights sum to one.
         """
         if len(parts) == 1:
             return parts[0][0]
         return Regimes(
-            _sum(share[:, None, None] * answers.walk_m for answers, share in parts),
-            _sum(share[:, None, None] * answers.stay_m for answers, share in parts),
-            _sum(share * answers.logit for answers, share in parts),
+            _sum(share[:, None, None] * outputs.walk_m for outputs, share in parts),
+            _sum(share[:, None, None] * outputs.stay_m for outputs, share in parts),
+            _sum(share * outputs.logit for outputs, share in parts),
         )
 
 
@@ -107,10 +107,10 @@ def _sum(arrays: Iterable[FloatArray]) -> FloatArray:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Networks of equal shape, evaluated together.
+    """E networks of equal shape, evaluated together.
 
     Attributes:
-        weights: One array a layer, shape (E, inputs, outputs): E networks side by side.
+        weights: One array a layer, shape (E, inputs, outputs).
         biases: One array a layer, shape (E, 1, outputs).
 
     Raises:
@@ -136,7 +136,7 @@ class Ensemble:
 
     @cached_property
     def _first(self) -> Float32Array:
-        # All first layers have the same inputs: one product for the ensemble, most of the computation.
+        # The first layers share their inputs: one matrix product for the ensemble, most of the computation.
         return np.concatenate(list(self.weights[0]), axis=1)
 
     def __call__(self, network: FloatArray, motion: RegimeMotion) -> Regimes:
@@ -147,33 +147,33 @@ class Ensemble:
             motion: Motion in the two regimes.
         """
         ensemble, _, hidden = self.weights[0].shape
-        questions = np.empty((2 * len(network), N_INPUTS), dtype=np.float32)
-        questions[: len(network)] = network
-        np.multiply(network, MIRROR, out=questions[len(network) :], casting="same_kind")
-        first = questions @ self._first
+        inputs = np.empty((2 * len(network), N_INPUTS), dtype=np.float32)
+        inputs[: len(network)] = network
+        np.multiply(network, MIRROR, out=inputs[len(network) :], casting="same_kind")
+        first = inputs @ self._first
         h = first.reshape(-1, ensemble, hidden).transpose(1, 0, 2) + self.biases[0]
         for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
             h = np.tanh(h) @ w + b
-        answers = h.reshape(ensemble, 2, len(network), N_OUTPUTS).astype(np.float64)
-        departures = answers[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3)
+        outputs = h.reshape(ensemble, 2, len(network), N_OUTPUTS).astype(np.float64)
+        departures = outputs[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3)
         departures[:, 1] *= _MIRRORED
         departures *= DEPARTURE_SCALE_M[:, None]
         shape = (2 * ensemble, len(network), KNOTS_S.size, 3)
-        stays = staying(answers[..., PLACES], motion)
-        return Regimes(departures.reshape(shape), stays.reshape(shape), answers[..., WALKS].reshape(shape[:2]))
+        stays = staying(outputs[..., PLACES], motion)
+        return Regimes(departures.reshape(shape), stays.reshape(shape), outputs[..., WALKS].reshape(shape[:2]))
 
 
 def staying(places: Any, motion: RegimeMotion, xp: Any = np) -> Any:
     """Departure from the line in the regime of staying.
 
     Args:
-        places: Logits of the places to stay at, shape (..., N, N_PLACES).
+        places: Logits of the places of staying, shape (..., N, N_PLACES).
         motion: Motion in the two regimes.
         xp: numpy, or jax.numpy where the networks are fitted.
 
     Returns:
-        Shape (..., N, knots, 3), metres: a critically damped return from the newest position to a weighted mean of the
-        places.
+        Shape (..., N, knots, 3), metres: critically damped return from the newest position to the mean of the places,
+        weighted by the softmax of the logits.
     """
     share = xp.exp(places - places.max(axis=-1, keepdims=True))
     share = share / share.sum(axis=-1, keepdims=True)
@@ -189,19 +189,19 @@ class WalkerModel:
 
     Attributes:
         seeing: Networks for tracks with an orientation.
-        blind: Networks for tracks without any.
-        precise: Networks for tracks with an orientation and little error.
+        blind: Networks for tracks without orientation.
+        precise: Networks for tracks with an orientation and a small error.
         log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
-            (N_DOUBT, knots, 3); the error of the observation is not in it.
-        hidden: Weights of hidden units for a nonlinear part of that logarithm, shape (N_DOUBT, units).
+            (N_DOUBT, knots, 3), without the stated error of the observation.
+        hidden: Weights of the tanh units of the logarithm's nonlinear part, shape (N_DOUBT, units).
         log_spread_hidden: Coefficients of these units, shape (units, knots, 3).
-        noise_share: Share of an observation's stated error in the forecast at each knot, shape (knots,): factor of its
-            standard deviation in every direction.
+        noise_share: Factor at each knot from the observation's stated standard deviation, in every direction, to its
+            part of the forecast's scale, shape (knots,).
         decision: Slope and threshold of the decision between walking and staying: the weight of walking is the
-            logistic function of slope (logit - threshold). Slope 1 and threshold 0, as fitted, have the least mean
+            logistic function of slope (logit - threshold). Slope 1 and threshold 0, as in the fit, minimise the mean
             error. A steeper slope approaches a hard decision; a higher threshold reduces false starts and delays true
             ones.
-        degrees_of_freedom: Those of the t distribution of the errors, above 2.
+        degrees_of_freedom: Degrees of freedom of the errors' t distribution, above 2.
         about: Provenance: recordings, people, command, versions, errors on people left out.
 
     Raises:
@@ -240,10 +240,11 @@ class WalkerModel:
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
 
     def regimes(self, network: FloatArray, motion: RegimeMotion, precise: FloatArray) -> Regimes:
-        """Motion in the two regimes, and the evidence of a walk.
+        """Motion in the two regimes, and the log-odds of walking.
 
-        Each input is evaluated with its mirror image, so the model is symmetric in left and right. Tracks without any
-        orientation and precise trackers have networks of their own, weighted by orientation and the tracker's error.
+        Each input is evaluated with its mirror image, so the model is symmetric in left and right. Separate ensembles
+        serve tracks without orientation and precise trackers; the outputs are blended by the weights of orientation
+        and precision.
 
         Args:
             network: Inputs of the network, shape (N, N_INPUTS).
@@ -251,7 +252,7 @@ class WalkerModel:
             precise: Weight of precise trackers, shape (N,), 0 to 1.
 
         Returns:
-            Answers of the ensemble, for `answer`.
+            Outputs of the ensembles, for `answer`.
         """
         seen = np.maximum.reduce(network[:, KNOWN], axis=1)
         shares = (self.seeing, seen * (1.0 - precise)), (self.blind, 1.0 - seen), (self.precise, seen * precise)
@@ -260,51 +261,51 @@ class WalkerModel:
     def answer(
         self, regimes: Regimes, spread: FloatArray, evidence: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Departures from the lines, and the features of their spread.
+        """Departures from the lines, and the features of the uncertainty model.
 
-        The forecast is the mean of both regimes under the probability of walking.
+        The forecast is the mixture mean of both regimes.
 
         Args:
-            regimes: Answers of the networks.
-            spread: Inputs of the uncertainty, shape (N, N_SPREAD).
-            evidence: Filtered evidence of a walk in place of the networks' mean, shape (N,).
+            regimes: Outputs of the networks.
+            spread: Inputs of the uncertainty model, shape (N, N_SPREAD).
+            evidence: Filtered log-odds of walking in place of the ensemble's mean, shape (N,).
 
         Returns:
             Departures, mean over the ensemble, shape (N, knots, 3), metres along, across and up. Features for
-            `spread_m`, shape (N, N_DOUBT): the given ones, the size of the departure, the disagreement of the networks,
-            the distance between the two regimes, and the probability of walking.
+            `spread_m`, shape (N, N_DOUBT): `spread`, the size of the departure, the standard deviation over the
+            ensemble, the distance between the two regimes, and the probability of walking.
         """
         slope, threshold = self.decision
         shift = 0.0 if evidence is None else evidence - regimes.evidence
         walks = 1.0 / (1.0 + np.exp(slope * (threshold - regimes.logit - shift)))
         apart = regimes.walk_m - regimes.stay_m
         far = np.sqrt(np.einsum("...i,...i->...", apart[..., _FAR, :2], apart[..., _FAR, :2]))
-        answers = regimes.stay_m + walks[..., None, None] * apart
-        n = len(answers)
-        departure = np.add.reduce(answers, axis=0) / n
-        # Disagreement in the horizontal plane, where turns are.
-        off = answers[:, :, _FAR, :2] - departure[:, _FAR, :2]
+        outputs = regimes.stay_m + walks[..., None, None] * apart
+        n = len(outputs)
+        departure = np.add.reduce(outputs, axis=0) / n
+        # Disagreement in the horizontal plane, where turns take place.
+        off = outputs[:, :, _FAR, :2] - departure[:, _FAR, :2]
         disagreement = np.sqrt(np.einsum("eni,eni->n", off, off) / n)
-        torn = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far**2, axis=0) / n)
+        regime_sd_m = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far**2, axis=0) / n)
         doubt = np.empty((len(spread), N_DOUBT))
         doubt[:, :N_SPREAD] = spread
         size = doubt[:, N_SPREAD : N_SPREAD + 3]
         size[:, :2], size[:, 2] = departure[:, _NEAR : _FAR + 1 : _FAR - _NEAR, 1], departure[:, _FAR, 0]
         np.minimum(np.abs(size) / _USUAL_DEPARTURE_M, 4.0, out=size)
         doubt[:, -3] = np.log1p(disagreement / _USUAL_DISAGREEMENT_M)
-        doubt[:, -2] = np.log1p(torn / _USUAL_DISAGREEMENT_M)
+        doubt[:, -2] = np.log1p(regime_sd_m / _USUAL_DISAGREEMENT_M)
         doubt[:, -1] = np.add.reduce(walks, axis=0) / n
         return departure, doubt
 
     def spread_m(self, doubt: FloatArray) -> FloatArray:
-        """Standard deviation of the errors: of a t distribution, that is its scale times the root of v / (v - 2).
+        """Standard deviation of the forecast errors: scale of the t distribution times the root of v / (v - 2).
 
         Args:
-            doubt: Features of the spread, shape (N, N_DOUBT).
+            doubt: Features of the uncertainty model, shape (N, N_DOUBT).
 
         Returns:
-            Shape (N, knots, 4): metres along, across and up without the observation's stated error; the factor of that
-            error.
+            Shape (N, knots, 4): metres along, across and up without the observation's stated error; the factor of the
+            stated error.
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         log_spread += np.tanh(doubt @ self.hidden) @ self.log_spread_hidden.reshape(

@@ -1,4 +1,4 @@
-"""Online estimate of a tracker's error: covariance of its white part, and spectrum."""
+"""Online estimate of a tracker's error: covariance of the white noise, and spectrum."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _PRIOR_FRAMES, _MEMORY_FRAMES = 3.0, 30.0
 _LARGEST_M, _SMALLEST_M = 0.05, 0.002
 _FLOOR_M2 = _SMALLEST_M**2
 _FRAMES = 4
-# Longest span of four frames: over longer ones the third difference contains gait. It lies between the spans at 15
-# and at 14 frames a second, so that rounding does not decide.
+# Longest span of four frames; the third difference over a longer one contains gait. Between the spans at 15 and at
+# 14 frames a second, so rounding of the time stamps has no effect.
 _SPAN_S = 0.207
-# Shortest frame interval of a camera; below it, two sources are mixed or a clock was set.
+# Shortest frame interval of a camera; a shorter one means two mixed sources or a clock step.
 STEP_S = 1e-3
 
 
@@ -30,7 +30,7 @@ def third_difference(a: float, b: float, c: float, d: float) -> tuple[tuple[floa
         d: Time of the fourth.
 
     Returns:
-        A weight for each frame, and their norm: white noise of size 1 gives a difference as large as the norm.
+        The weight of each frame, and the Euclidean norm of the weights: the gain for white noise.
     """
     weights = (
         1.0 / ((a - b) * (a - c) * (a - d)),
@@ -44,8 +44,8 @@ def third_difference(a: float, b: float, c: float, d: float) -> tuple[tuple[floa
 class MeasuredNoise:
     """Covariance of a position's white error.
 
-    The third divided difference of a walk is small, so its remainder is noise. Python floats: for arrays this small
-    numpy is several times slower.
+    The third divided difference of a walk is small, so its residual is noise. Plain floats: NumPy is several times
+    slower for arrays this small.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class MeasuredNoise:
         self._frames, self._prior_share = _PRIOR_FRAMES, 1.0
 
     def learn(self, times_s: FloatArray, positions_m: FloatArray) -> None:
-        """Take in the newest position.
+        """Update with the newest position.
 
         Args:
             times_s: Times of the track, shape (N,), the newest last, seconds.
@@ -65,9 +65,9 @@ class MeasuredNoise:
         a, b, c, d = times_s[-_FRAMES:].tolist()
         if d - a > _SPAN_S or min(b - a, c - b, d - c) < STEP_S:
             return
-        (of_a, of_b, of_c, of_d), norm = third_difference(a, b, c, d)
+        (w_a, w_b, w_c, w_d), norm = third_difference(a, b, c, d)
         p, q, r, s = positions_m[-_FRAMES:].tolist()
-        x, y, z = ((of_a * p[i] + of_b * q[i] + of_c * r[i] + of_d * s[i]) / norm for i in range(3))
+        x, y, z = ((w_a * p[i] + w_b * q[i] + w_c * r[i] + w_d * s[i]) / norm for i in range(3))
         size2 = x * x + y * y + z * z
         gain = 1.0 / min(_MEMORY_FRAMES, self._frames)
         share = gain if size2 <= 3.0 * _LARGEST_M**2 else gain * 3.0 * _LARGEST_M**2 / size2
@@ -84,7 +84,7 @@ class MeasuredNoise:
         return 1.0 - self._prior_share
 
     def covariance_m2(self) -> FloatArray:
-        """The covariance, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
+        """Covariance, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
         xx, xy, xz, yy, yz, zz = self._covariance_m2
         return np.array([[xx + _FLOOR_M2, xy, xz], [xy, yy + _FLOOR_M2, yz], [xz, yz, zz + _FLOOR_M2]])
 
@@ -101,21 +101,21 @@ N_COLOURS = 10
 
 
 class MeasuredColour:
-    """Third differences over 1, 2 and 4 frames: of equal size for white error, growing with the lag for wander."""
+    """RMS third differences at lags 1, 2 and 4: equal for white noise, growing with the lag for correlated noise."""
 
     def __init__(self) -> None:
         self._ratio2 = np.ones((len(_LAGS), 4))
         self._frames, self._prior_share = 0, 1.0
 
     def learn(self, track: FloatArray) -> FloatArray:
-        """Take in the newest frame.
+        """Update with the newest frame.
 
         Args:
             track: Positions and yaws of pelvis and head on an even grid, shape (m, 5), the newest last.
 
         Returns:
-            Logarithms of the differences' size over 10 mm and 2 deg, shape (N_COLOURS,): horizontal and vertical over
-            each lag, pelvis and head over the shortest and the longest.
+            Logarithms of the RMS differences relative to 10 mm and 2 deg, shape (N_COLOURS,): horizontal and vertical
+            over each lag, pelvis and head over the shortest and the longest.
         """
         lags = sum(len(track) > 3 * lag for lag in _LAGS)
         if lags:
@@ -136,10 +136,10 @@ class MeasuredColour:
         return colours
 
     def wander_m(self) -> tuple[float, float]:
-        """Horizontal third difference over the longest lag, without its prior, and the share of measurements in it.
+        """Horizontal third difference over the longest lag, without its prior, and the weight of the measurements.
 
         Returns:
-            The RMS difference, metres, infinite before the first; the share, 0 to 1.
+            RMS difference, metres, infinite before the first measurement; weight of the measurements, 0 to 1.
         """
         share = 1.0 - self._prior_share
         if not share:
@@ -152,11 +152,11 @@ def without_stated(colours: FloatArray, stated_m2: FloatArray) -> FloatArray:
     """Colours relative to the stated error of the tracker.
 
     Args:
-        colours: As given by `MeasuredColour.learn`.
-        stated_m2: Stated variances along, across and up, shape (3,), square metres; zeros where none are stated.
+        colours: Result of `MeasuredColour.learn`, shape (N_COLOURS,).
+        stated_m2: Stated variances along, across and up, shape (3,), square metres; zeros if none are stated.
 
     Returns:
-        The colours; those of the positions relative to the stated error.
+        The colours, in which those of the positions are relative to the stated error; shape (N_COLOURS,).
     """
     along, across, up = stated_m2.tolist()
     relative = colours.copy()

@@ -1,4 +1,4 @@
-"""Smoothing spline through positions with covariances, on an even grid."""
+"""Smoothing of positions with covariances on a uniform time grid."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from scipy.linalg.lapack import dpbsv
 from predictors.geometry import inverse
 from predictors.types import FloatArray
 
-# Acceleration of the path, m^2/s^3: passes gait (1.2 m/s^2 of sway at 1 Hz). Forecasts are the same with 5.
+# Power spectral density of the acceleration, m^2/s^3: passes gait (1.2 m/s^2 of sway at 1 Hz). Forecasts are the same
+# with 5.
 _ACCELERATION_PSD = 1.0
 # Prior standard deviation of the velocity, as in `ConstantVelocity`.
 _SPEED_SD_M_S = 1.0
-# Prior standard deviation of the positions about the newest: keeps the matrix positive definite where a direction is
-# all but unobserved.
+# Prior standard deviation of the positions about the newest: keeps the matrix positive definite if a direction is
+# nearly unobservable.
 _FARTHEST_M = 100.0
 # Share of a covariance's trace that is added to its diagonal: bounds the condition number.
 _ROUNDING = 1e-12
-# Diagonals of a symmetric matrix whose 3x3 blocks reach to the second neighbour, from the main one down.
+# Diagonals in the lower band of the symmetric block-pentadiagonal matrix: 3x3 blocks up to the second neighbour.
 _BAND = 7
-# Where element (row, column) of a node's block stands in its part of the band, which has for each column the seven
-# elements from the diagonal down. Of the block on the diagonal, the lower triangle, and its places in the block.
+# Indices of a block's elements in lower band storage (seven elements a column, from the diagonal down): lower triangle
+# of the diagonal block with the indices in the block, then the block of the next neighbour.
 _LOWER = [(row, column) for row in range(3) for column in range(row + 1)]
 _ON_DIAGONAL = [_BAND * c + r - c for r, c in _LOWER], [3 * r + c for r, c in _LOWER]
 _BESIDE = [_BAND * c + 3 + r - c for r in range(3) for c in range(3)]
@@ -43,14 +44,14 @@ def information_of(covariance_m2: FloatArray) -> FloatArray:
 def smooth_path(
     at: FloatArray, positions_m: FloatArray, information: FloatArray, nodes: int, step_s: float
 ) -> FloatArray:
-    """The most probable path of a body whose acceleration is white noise: the Kalman smoother of constant velocity.
+    """Maximum a posteriori path under white-noise acceleration: the Kalman smoother of the constant-velocity model.
 
-    It solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference, and with priors of
-    position and first velocity. The matrix is banded, so this takes time in proportion to the number of nodes. Reinsch
-    (1967), Smoothing by spline functions.
+    Solves (sum of H' W H + D' D / (q h^3)) p = sum of H' W y, with D the second difference, and with priors of position
+    and initial velocity. The matrix is banded: time linear in the number of nodes. Reinsch (1967), Smoothing by spline
+    functions.
 
     Args:
-        at: Places of the positions on the grid, shape (N,), in [0, nodes - 1]; between nodes the path is straight.
+        at: Grid coordinates of the positions, shape (N,), in [0, nodes - 1]; the path is linear between nodes.
         positions_m: Positions, shape (N, 3), metres.
         information: Inverses of the positions' covariances, shape (N, 9), row by row, 1/m^2.
         nodes: Number of nodes, at least 2.
@@ -67,13 +68,13 @@ def smooth_path(
     share = (at - left)[:, None]
     rest = 1.0 - share
     newest_m = positions_m[-1]
-    seen = (information.reshape(n, 3, 3) @ (positions_m - newest_m)[:, :, None])[:, :, 0]
+    weighted = (information.reshape(n, 3, 3) @ (positions_m - newest_m)[:, :, None])[:, :, 0]
     # Sums over the positions at each node, as one product.
     table = np.empty((2 * n, 12))
     np.multiply(rest * rest, information, out=table[:n, :9])
     np.multiply(share * share, information, out=table[n:, :9])
-    np.multiply(rest, seen, out=table[:n, 9:])
-    np.multiply(share, seen, out=table[n:, 9:])
+    np.multiply(rest, weighted, out=table[:n, 9:])
+    np.multiply(share, weighted, out=table[n:, 9:])
     choose = np.zeros((nodes, 2 * n))
     columns = np.arange(n)
     choose[left, columns] = choose[left + 1, n + columns] = 1.0

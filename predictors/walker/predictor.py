@@ -1,4 +1,4 @@
-"""The default predictor: a constant-velocity line, and small networks for the departure from it."""
+"""The default predictor: constant-velocity extrapolation, and small networks for the departure from it."""
 
 from __future__ import annotations
 
@@ -20,44 +20,44 @@ from predictors.walker.range_error import MeasuredRange
 
 # Gait (sway and bob) is measurement noise of the line's filter: variance on each axis.
 _GAIT_M2 = 0.02**2 * np.eye(3)
-# Frames that are filtered again once the range error proves larger than assumed: 1.2 s at 30 frames a second.
+# Length of the replay buffer, refiltered when the estimated range error increases: 1.2 s at 30 frames a second.
 _AGAIN_FRAMES = 36
-# Larger by 50 mm and by a factor of two in standard deviation: at most four repetitions a track.
+# Increase that triggers it: 50 mm plus a factor of two in standard deviation; at most four times a track.
 _WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
-# Time constant of the low-pass filter of the evidence of a walk, seconds. Of 0.05, 0.1, 0.2 and 0.25 s, on standing
-# people left out of the fit: it halves their false starts, and from 0.2 s on at a threshold that keeps those who start,
-# contact with them falls.
+# Time constant of the low-pass filter of the log-odds of walking, seconds. Of 0.05, 0.1, 0.2 and 0.25 s, on standing
+# people left out of the fit: it halves the false starts; from 0.2 s on, at a threshold that detects true starts, eye
+# contact with starting people decreases.
 _EVIDENCE_S = 0.1
 
 
 class Walker:
-    """Forecast of a person on foot from the last 1.2 s of head position, head yaw and pelvis yaw.
+    """Forecast of a walking or standing person from the last 1.2 s of head position, head yaw and pelvis yaw.
 
-    A constant-velocity filter, for which gait is measurement noise, gives a straight line. Networks give the departure
-    from this line (sway, bob, a turn or a stop that has begun) of a person who walks, a place to return to of a person
-    who stays, and the evidence of a walk, which is low-pass filtered before the decision. Their inputs are relative to
-    the line, so the forecast is invariant to place and direction. Estimated online are the person's constant head
-    and pelvis yaw relative to the direction of travel, and the tracker's error: covariance and spectrum.
+    A constant-velocity filter, with gait as measurement noise, gives a straight line. Networks output the departure
+    from it in the regime of walking (sway, bob, the continuation of a turn or a stop), the place of return in the
+    regime of staying, and the log-odds of walking, which are low-pass filtered before the decision. Inputs are relative
+    to the line, so the forecast is invariant to translation and heading. Estimated online are the constant offsets of
+    head and pelvis yaw from the direction of travel, and covariance and spectrum of the tracker's error.
 
-    A stated covariance replaces the measured one. The filter's gate refuses outliers. For a person who runs, the
-    forecast is that of the filter. Orientations are optional; their influence fades out within half a second. Frame
+    A stated covariance replaces the estimated one. The filter's gate rejects outliers. At running speed the forecast is
+    that of the filter. Orientations are optional; the weight of the last one decays to zero within half a second. Frame
     rate, gaps and jitter enter through the time stamps.
 
     Args:
-        model: The fitted numbers; default: the shipped model.
+        model: The fitted parameters; default: the shipped model.
     """
 
     def __init__(self, model: WalkerModel | None = None) -> None:
         self._model = shipped_walker_model() if model is None else model
         self._position = ConstantVelocity()
-        self._forget_tracker()
-        self._forget()
+        self._reset_tracker()
+        self._reset_track()
 
-    def _forget_tracker(self) -> None:
+    def _reset_tracker(self) -> None:
         self._recent: deque[HeadObservation] = deque(maxlen=_AGAIN_FRAMES)
         self._range, self._largest_m2 = MeasuredRange(), 0.0
 
-    def _forget(self) -> None:
+    def _reset_track(self) -> None:
         self._history, self._noise = WalkerHistory(), MeasuredNoise()
         self._inputs: WalkerInputs | None = None
         self._regimes: Regimes | None = None
@@ -65,33 +65,33 @@ class Walker:
         self._knots: BetweenKnots | None = None
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Return to the initial state."""
         self._position.reset()
-        self._forget_tracker()
-        self._forget()
+        self._reset_tracker()
+        self._reset_track()
 
     @property
     def rejections_in_a_row(self) -> int:
-        """Number of observations refused since the last accepted one."""
+        """Number of consecutive rejected observations."""
         return self._position.rejections_in_a_row
 
     def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        """Update with one observation; see `predictors.predictor.Predictor.update`."""
         check_newer(observation, self._recent[-1].capture_time_s if self._recent else None)
         self._recent.append(observation)
         if observation.position_covariance_m2 is None:
             self._range.learn(observation)
         range_m2 = self._range.variance_m2()
         if range_m2 > _WORSE_M2 + _WORSE_TIMES2 * self._largest_m2:
-            # Until now range errors were filtered as motion, or refused.
+            # The earlier frames were filtered with a range variance that was too small.
             self._position.reset()
-            self._forget()
+            self._reset_track()
             for earlier in list(self._recent)[:-1]:
-                self._take(earlier)
+                self._process(earlier)
         self._largest_m2 = max(self._largest_m2, range_m2)
-        self._take(observation)
+        self._process(observation)
 
-    def _take(self, observation: HeadObservation) -> None:
+    def _process(self, observation: HeadObservation) -> None:
         started_at_s = self._position.started_at_s
         measured_m2 = self._noise.covariance_m2()
         if observation.position_covariance_m2 is None:
@@ -101,21 +101,21 @@ class Walker:
         if not taken:
             return
         if self._position.started_at_s != started_at_s:
-            self._forget()
+            self._reset_track()
         window = self._history.window
-        for earlier in taken[:-1]:  # of a candidate that has just become the track
+        for earlier in taken[:-1]:  # the candidate that has become the track
             window.add(earlier, noise_m2(earlier, measured_m2))
         _, state, _ = self._position.state()
         last_s = None if self._inputs is None else self._inputs.line.time_s
         covariance_m2 = noise_m2(taken[-1], measured_m2)
         self._inputs = self._history.add(taken[-1], state, covariance_m2, self._noise.measured_share)
-        self._weigh(self._inputs, last_s)
+        self._evaluate_networks(self._inputs, last_s)
         self._noise.learn(window.times_s, window.values[:, :3])
         self._knots = None
 
-    def _weigh(self, inputs: WalkerInputs, last_s: float | None) -> None:
-        """Ask the networks, and filter the evidence of a walk over time."""
-        if inputs.on_foot == 0.0:  # a first frame has no direction to be seen in
+    def _evaluate_networks(self, inputs: WalkerInputs, last_s: float | None) -> None:
+        """Evaluate the networks, and low-pass filter the log-odds of walking."""
+        if inputs.on_foot == 0.0:  # the line has no direction at a first frame
             return
         motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
         self._regimes = self._model.regimes(inputs.network[None], motion, np.array([inputs.precise]))
@@ -127,7 +127,7 @@ class Walker:
             self._evidence = self._evidence + gain * (evidence - self._evidence)
 
     def inputs(self) -> WalkerInputs:
-        """Inputs of the network, for fitting one.
+        """Inputs of the networks, for a fit.
 
         Returns:
             The inputs at the newest accepted observation.
@@ -140,7 +140,7 @@ class Walker:
         return self._inputs
 
     def fitted_on(self) -> tuple[str, ...]:
-        """People in the training set, whose forecasts are in-sample."""
+        """People in the training set: their forecasts are in-sample."""
         return tuple(self._model.about.get("people", ()))
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
@@ -153,10 +153,10 @@ class Walker:
             assert self._regimes is not None
             departures, doubt = self._model.answer(self._regimes, inputs.spread[None], self._evidence)
             to_base = inputs.line.to_base()
-            # Outer products of the axes of the line's frame, weighted by the variances along them.
+            # Outer products of the line's axes; weighted by the variances along them they sum to the covariance.
             self._squares = np.empty((4, 9))
             self._squares[:3] = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
-            # The stated error of the observation keeps its own directions: of a camera's, the line of sight.
+            # The stated covariance keeps its principal axes, such as a camera's line of sight.
             self._squares[3] = inputs.stated_base_m2.reshape(9)
             self._knots = BetweenKnots(departures[0] @ to_base.T, self._model.spread_m(doubt)[0])
         tau = times - inputs.line.time_s

@@ -1,4 +1,4 @@
-"""Online estimate of a tracker's range error, from all detections including refused ones."""
+"""Online estimate of a tracker's range error, from all detections including rejected ones."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ import numpy as np
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker.noise import STEP_S, third_difference
 
-# Lags of the third differences, frames: one for white error, four for drift.
+# Lags of the third differences, frames: one for white noise, four for drift.
 _LAGS = (1, 4)
-# Longest span: over longer ones the third difference contains gait.
+# Longest span; the third difference over a longer one contains gait.
 _SPAN_S = 0.45
 _MEMORY_FRAMES, _PRIOR_FRAMES, _PRIOR_M = 30, 3, 0.01
-# Ratio of standard deviation to median absolute value of a normal error.
+# Standard deviation over median absolute deviation of a normal distribution.
 _SD_OF_MEDIAN = 1.0 / 0.6745
-# Level of gait and of usual trackers in these differences; smaller errors are measured by `MeasuredNoise`.
+# Level of gait and of typical trackers in these differences; `MeasuredNoise` estimates smaller errors.
 _USUAL_M2 = 0.03**2
-# Weight of a drift's variance, which disturbs the velocity more than white error does; the best of those tried.
+# Weight of the drift's variance, which disturbs the velocity more than white noise does; the best of those tried.
 _DRIFT_COUNTS = 4.0
-# Displacement across the line of sight above gait is a change of person, not an error of the range.
+# A larger displacement across the line of sight is a change of person: no range error.
 _BESIDE_M, _BESIDE_SHARE = 0.05, 0.5
 _NEAREST_M = 1e-3  # at the sensor the line of sight is undefined
 
 
 class MeasuredRange:
-    """Variance of a position along the line of sight, where the range errs more than gait explains.
+    """Variance of the position along the line of sight in excess of gait.
 
-    Median of the third differences: robust to one outlier in ten frames. The sensor is assumed at the origin. Python
-    floats: for arrays this small numpy is several times slower.
+    Median of the third differences: robust to one outlier in ten frames. The sensor is assumed at the origin. Plain
+    floats: NumPy is several times slower for arrays this small.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class MeasuredRange:
         self._sorted_m = [list(recent) for recent in self._recent_m]
 
     def learn(self, observation: HeadObservation) -> None:
-        """Take in a detection, before gating.
+        """Update with a detection, before gating.
 
         Args:
             observation: The observation, newer than all before it.
@@ -76,13 +76,13 @@ class MeasuredRange:
         return max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
 
     def covariance_m2(self, position_m: FloatArray) -> FloatArray:
-        """That variance as a covariance, shape (3, 3), square metres.
+        """Covariance of rank one along the line of sight.
 
         Args:
             position_m: The observed position, shape (3,), metres.
 
         Returns:
-            A covariance that is zero across the line of sight.
+            Covariance, shape (3, 3), square metres; zero across the line of sight.
         """
         range_m2 = max(float(position_m @ position_m), _NEAREST_M**2)
         return np.asarray(self.variance_m2() / range_m2 * np.outer(position_m, position_m))

@@ -7,7 +7,7 @@ from experiments.rivals.laws.robots import Humotion, IKinGazeCtrl, Op3, Pr2Point
 from experiments.rivals.laws.smith import Smith, SmithFeedForward
 from experiments.rivals.rival import Rival
 
-# Each makes a law of a neck, a camera and its own constants.
+# Constructors of the laws: models of neck and camera, and constants.
 RIVALS: dict[str, type[Rival]] = {
     law.name: law
     for law in (

@@ -1,15 +1,15 @@
 """Cameras: AutoPTZ 2.2.0-rc9 with its default settings, obs-face-tracker, and the pan-tilt tutorials of OpenCV.
 
-AutoPTZ takes the face's place in the image, and its velocity without the camera's own. It has a zone in which the
-camera rests, a lead of the velocity, a one-euro filter, and a gain that grows with error, velocity and delay. The lead
-covers the computer's own delay, not that of the stream. No encoder is used: the camera's own motion is seen in the
-background, here it is what the joints did between the two frames.
+AutoPTZ uses the image coordinates of the face, and its image velocity compensated for the camera's motion. It has a
+dead zone, a velocity lead, a one-euro filter, and a gain that increases with error, velocity and delay. The lead covers
+the processing delay, not that of the stream. Without encoders, the camera's motion is estimated from the background of
+the image; here it is the joint motion between the two frames.
 
-The output of obs-face-tracker is one of a PTZ camera's few speeds. Its gain scales with the frame period, so a camera
-of 60 frames a second gets half the speed of one of 30.
+The output of obs-face-tracker is one of a PTZ camera's discrete speeds. The gain is proportional to the frame period:
+the speed at 60 frames a second is half of that at 30.
 
-The output of the tutorials' law is the servo's angle: five times a second the PID turns the distance from the image
-centre, in pixels of a small image, into whole degrees, without encoders, anti-windup or rate limit.
+The output of the tutorials' law is the servo's angle, in whole degrees: a PID law at 5 Hz of the offset from the image
+centre, in pixels of a small image, without encoders, anti-windup or rate limit.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from experiments.rivals.rival import SPEED_SCALES, Detection, HeadCamera, Rival,
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# Constants of AutoPTZ, `engine/ptz/controller.py` and `config/models.py`; lengths in halves of the image.
+# Constants of AutoPTZ, `engine/ptz/controller.py` and `config/models.py`; normalised image coordinates.
 _AIM_GAIN = 0.4
 _VELOCITY_GAIN = 0.5
 _FRAMES_PER_VELOCITY = 3
 _ZONE = np.array([0.15, 0.22])
-_REST_INSIDE, _REST_OUTSIDE = 0.35, 1.25  # of the zone
+_REST_INSIDE, _REST_OUTSIDE = 0.35, 1.25  # hysteresis, as shares of the zone
 _DEAD_ZONE = 0.35 * _ZONE
 _RAMP = 0.05
 _EDGE = 0.9
 _LEAD_S, _LONGEST_LEAD_S = 0.15, 0.8
-_PROCESSING_S = 0.05  # delay of ingest and inference, which the program measures; assumed here
+_PROCESSING_S = 0.05  # delay of ingest and inference, measured by the program; assumed here
 _KP, _KD, _KV = 0.6, 0.05, 0.1
 _EXPONENT = 1.2
 _RISE_PER_S = 3.0
@@ -40,12 +40,12 @@ _KEPT_S = 1.5
 
 
 class AutoPtz(Rival):
-    """Drives the camera with a speed for each frame.
+    """Velocity law, one command a frame.
 
     Args:
-        neck: Model of the neck: the command 1 is its top speed.
+        neck: Model of the neck, with its top speed.
         camera: Model of the camera.
-        speed_scale: The command 1 as a share of the neck's top speed; free in the program.
+        speed_scale: Speed of the command 1, relative to the neck's top speed; a free parameter of the program.
     """
 
     name = "autoptz"
@@ -62,26 +62,26 @@ class AutoPtz(Rival):
         self._command = np.zeros(2)
         self._slewed = np.zeros(2)
         self._arrival_s = -math.inf
-        self._forget()
+        self._reset()
 
     def step(self, view: View) -> FloatArray:
         """See `Rival.step`."""
         for detection in view.detections:
-            self._see(view, detection)
-        # A frame later than one and a half periods counts as one without a face.
+            self._update(view, detection)
+        # A delay above one and a half periods counts as a frame without a face.
         if view.time_s - self._arrival_s > 1.5 * self.period_s:
             self._command = np.zeros(2)
-            self._forget()
+            self._reset()
         return self._command * self._top_rad_s
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._error: FloatArray | None = None
         self._filter = OneEuro(least_cutoff_hz=1.1, beta=0.03, speed_cutoff_hz=1.0)
         self._velocity, self._filtered, self._sign = np.zeros(2), np.zeros(2), np.zeros(2)
         self._resting, self._swings, self._frames = False, 0.0, 0
         self._anchor: tuple[float, FloatArray, FloatArray] | None = None
 
-    def _see(self, view: View, detection: Detection) -> None:
+    def _update(self, view: View, detection: Detection) -> None:
         seen = -detection.offset
         gap_s = detection.arrival_time_s - self._arrival_s
         dt_s = gap_s if self._error is not None else self.period_s
@@ -90,13 +90,13 @@ class AutoPtz(Rival):
         self._arrival_s = detection.arrival_time_s
         self._error = seen if self._error is None else self._error + _AIM_GAIN * (seen - self._error)
         self._measure_velocity(view, detection)
-        error, velocity = self._outside_the_zone(self._error)
+        error, velocity = self._apply_dead_zone(self._error)
         u = self._speed(error, velocity, dt_s)
         before = np.where(u * self._slewed > 0.0, np.abs(self._slewed), 0.0)
         self._command = self._slewed = np.sign(u) * np.minimum(np.abs(u), before + _RISE_PER_S * dt_s)
 
     def _measure_velocity(self, view: View, detection: Detection) -> None:
-        """The face's velocity in the image, without the camera's own, at each third frame."""
+        """Image velocity of the face, compensated for the camera's motion, at each third frame."""
         self._frames += 1
         if self._frames % _FRAMES_PER_VELOCITY != 1 or self._error is None:
             return
@@ -111,8 +111,8 @@ class AutoPtz(Rival):
             self._velocity = _VELOCITY_GAIN * fresh + (1.0 - _VELOCITY_GAIN) * self._velocity
         self._anchor = (detection.capture_time_s, self._error, head_rad)
 
-    def _outside_the_zone(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Error, with its lead, and velocity; zero while the camera rests with the face in the middle."""
+    def _apply_dead_zone(self, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Error with velocity lead, and velocity; zero inside the dead zone."""
         lead_s = min(_LEAD_S + _PROCESSING_S, _LONGEST_LEAD_S)
         if np.abs(error).max() >= _EDGE:
             self._resting = False
@@ -137,7 +137,7 @@ class AutoPtz(Rival):
         )
         u = np.clip(0.7 * (1.0 + 0.9 * boost) * u, -1.0, 1.0)
         u = np.sign(u) * np.abs(u) ** _EXPONENT
-        # Oscillation lowers the speed.
+        # Gain reduction on oscillation.
         flips = np.count_nonzero(np.sign(u) * self._sign < 0.0)
         self._sign = np.where(u == 0.0, self._sign, np.sign(u))
         self._swings = min(4.0, 0.6 * self._swings + flips)
@@ -145,12 +145,12 @@ class AutoPtz(Rival):
 
 
 class OneEuro:
-    """Filters an array, each entry by itself.
+    """One-euro filter of each element of an array.
 
     Args:
-        least_cutoff_hz: Cutoff while the input stands.
-        beta: By how much the cutoff rises with the input's speed, in hertz for a unit a second.
-        speed_cutoff_hz: Cutoff of the low-pass on that speed.
+        least_cutoff_hz: Cutoff frequency at constant input.
+        beta: Slope of the cutoff frequency over the input's speed, hertz for a unit a second.
+        speed_cutoff_hz: Cutoff frequency of the low-pass filter of the speed.
     """
 
     def __init__(self, least_cutoff_hz: float, beta: float, speed_cutoff_hz: float) -> None:
@@ -159,7 +159,7 @@ class OneEuro:
         self._input: FloatArray | None = None
 
     def update(self, value: FloatArray, dt_s: float) -> FloatArray:
-        """The filtered value, of the input's shape; `dt_s` is the time since the last one, seconds."""
+        """Filtered value, of the input's shape; `dt_s` is the time since the last update, seconds."""
         if self._value is None or self._input is None:
             self._value, self._speed = value, np.zeros_like(value)
         else:
@@ -182,19 +182,19 @@ _INTEGRAL_PER_S = 0.3
 _TD_S = 0.42
 _TL_S = 2.0
 _DECAY_S = 2.0
-# Outputs from which the first VISCA speeds are used; beyond them the output is rounded to a speed (assumed).
+# Thresholds of the first VISCA speeds; higher outputs are rounded (assumed).
 _FIRST_SPEEDS = np.array([0.5, 1.25, 1.85])
 _MOST_SPEEDS = np.array([24.0, 20.0])
 
 
 def visca_speed(u: FloatArray) -> FloatArray:
-    """Speed step of a VISCA camera for an output.
+    """Quantise an output to the speed steps of a VISCA camera.
 
     Args:
         u: Output of pan and tilt, shape (2,).
 
     Returns:
-        Whole speeds, shape (2,), at most 24 (pan) and 20 (tilt).
+        Integer speed steps, shape (2,), at most 24 (pan) and 20 (tilt).
     """
     size = np.abs(u)
     steps = np.searchsorted(_FIRST_SPEEDS, size, side="right")
@@ -204,12 +204,12 @@ def visca_speed(u: FloatArray) -> FloatArray:
 
 
 class ObsFaceTracker(Rival):
-    """Drives the camera with one of its speeds.
+    """PID law with quantised velocity output.
 
     Args:
-        neck: Model of the neck: its top speed is that of the camera's fastest step.
+        neck: Model of the neck, with the speed of the camera's fastest step.
         camera: Model of the camera.
-        speed_scale: Speed of the camera's step 24 as a share of the neck's top speed; depends on the camera.
+        speed_scale: Speed of step 24, relative to the neck's top speed; depends on the camera.
     """
 
     name = "obs_face_tracker"
@@ -229,15 +229,15 @@ class ObsFaceTracker(Rival):
     def step(self, view: View) -> FloatArray:
         """See `Rival.step`."""
         for detection in view.detections:
-            self._see(detection)
-        # A frame later than one and a half periods counts as one without a face.
+            self._update(detection)
+        # A delay above one and a half periods counts as a frame without a face.
         if view.time_s - self._arrival_s > 1.5 * self.period_s:
             self._u = np.zeros(2)
             self._integral_px = self._integral_px * math.exp(-self.period_s / _DECAY_S)
         speeds_rad_s: FloatArray = visca_speed(self._u) * self._rad_s_per_step
         return speeds_rad_s
 
-    def _see(self, detection: Detection) -> None:
+    def _update(self, detection: Detection) -> None:
         dt_s, size_px = self.period_s, np.array([self._camera.width_px, self._camera.height_px])
         self._arrival_s = detection.arrival_time_s
         error_px = -detection.offset * 0.5 * size_px
@@ -252,7 +252,7 @@ class ObsFaceTracker(Rival):
         self._u = gain * ((error_px + self._integral_px) * dt_s + derivative_px_s)
 
 
-# Gains of pan and tilt: degrees for a pixel, for a pixel held one second, for a pixel a second.
+# PID gains of pan and tilt: deg/px, deg/(px s), deg s/px.
 _TUTORIAL_P = np.array([0.09, 0.11])
 _TUTORIAL_I = np.array([0.08, 0.10])
 _TUTORIAL_D = np.array([0.002, 0.002])
@@ -261,13 +261,13 @@ _IMAGE_WIDTH_PX = 320.0
 
 
 class PixelPid(Rival):
-    """Commands the PID's output as an angle; arguments as of `Rival`. The law uses none of the neck's limits."""
+    """PID law with angle output, without the neck's limits; arguments as of `Rival`."""
 
     name = "pixel_pid"
     period_s = 0.2
 
     def start(self, view: View) -> None:
-        """See `Rival.start`; the integral begins at the head's angles."""
+        """See `Rival.start`; the integral is initialised with the head's angles."""
         height_px = _IMAGE_WIDTH_PX * self._camera.height_px / self._camera.width_px
         self._halves_px = 0.5 * np.array([_IMAGE_WIDTH_PX, height_px])
         self._command_deg = np.rad2deg(view.joints.position_rad)

@@ -1,7 +1,7 @@
-"""Frigate's autotracking: one relative move at a time, aimed at where the person will be when it ends.
+"""Frigate's autotracking: one relative move at a time, to the predicted position of the person at its end.
 
-Only frames received after the end of the last move count: the camera follows by stop and go. The
-duration of a move is fitted to thirty moves. The law has no model of the stream's delay: a frame received after the end
+Only frames received after the end of the last move are used, which gives stop-and-go motion. The model of a move's
+duration is fitted to thirty moves. The law has no model of the stream's delay: a frame received after the end of a move
 may show the scene before it.
 """
 
@@ -20,19 +20,19 @@ from gazempc.types import FloatArray
 # Constants of Frigate, `ptz/autotrack.py`.
 _DEAD_ZONE, _DEAD_ZONE_UNSURE = 0.08, 0.03
 _RETURN_S = 10.0
-_FPS = 5.0  # frames a second that the detector takes
-# A person is about seven faces tall. Frigate tracks persons; here its box is centred on the face.
+_FPS = 5.0  # frame rate of the detector
+# Height of a person in faces. Frigate tracks persons; here the box is centred on the face.
 _FACES_TALL = 7.0
 
 
 @dataclass(frozen=True)
 class MoveTime:
-    """Duration of a move: ``offset_s * zero_move_s + slope_s * size``, as in the program.
+    """Duration of a move: ``offset_s * zero_move_s + slope_s * size``, as in the source.
 
     Attributes:
-        offset_s: The line's value at 0, seconds; the program multiplies it by the time of a move by nothing.
-        slope_s: The line's slope, seconds for half the field of view.
-        zero_move_s: Measured time of a move by nothing, seconds.
+        offset_s: Intercept of the fit, seconds; the source multiplies it by the duration of a zero move.
+        slope_s: Slope of the fit, seconds for half of the field of view.
+        zero_move_s: Measured duration of a zero move, seconds.
     """
 
     offset_s: float
@@ -40,17 +40,17 @@ class MoveTime:
     zero_move_s: float
 
     def predict_s(self, move: FloatArray) -> float:
-        """Duration of a move, shape (2,), in halves of the field of view; seconds."""
+        """Duration, seconds, of a move, shape (2,), in halves of the field of view."""
         return self.offset_s * self.zero_move_s + self.slope_s * float(np.abs(move).sum())
 
 
 class Frigate(Rival):
-    """Moves once, waits for the end, looks again.
+    """Stop-and-go tracking: a move, a wait for its end, a new detection.
 
     Args:
-        neck: Model of the neck: its range bounds the moves.
+        neck: Model of the neck, with the range of the moves.
         camera: Model of the camera.
-        move_time: The fit of the calibration; None without one.
+        move_time: Calibrated duration of moves; None without calibration.
         faces_tall: Height of the tracked box in heights of the face.
     """
 
@@ -84,7 +84,7 @@ class Frigate(Rival):
         if self._moving and view.idle:
             self._moving, self._stopped_s = False, self._frame_s
         for detection in self._detector.take(view.detections):
-            velocity = self._follow(view, detection)
+            velocity = self._estimate_velocity(view, detection)
             self._frame_s, self._seen_s = detection.arrival_time_s, view.time_s
             if not self._moving and self._frame_s > max(self._started_s, self._stopped_s):
                 self._decide(view, detection, velocity)
@@ -94,12 +94,12 @@ class Frigate(Rival):
             self._go(np.zeros(2))
         return self._goal_rad
 
-    def _follow(self, view: View, detection: Detection) -> FloatArray | None:
-        """The face's valid velocity in the image of a camera at rest, shape (2,), pixels a frame."""
+    def _estimate_velocity(self, view: View, detection: Detection) -> FloatArray | None:
+        """Plausible image velocity of the face, compensated for the camera's motion, shape (2,), pixels a frame."""
         head_rad = view.joints_at(detection.capture_time_s)
         if head_rad is None:
             return None
-        # The program finds the camera's motion in the background of the image.
+        # The source estimates the camera's motion from the background of the image.
         own_px = np.array([-head_rad[0], -head_rad[1]]) * self._px_per_rad
         centre_px = 0.5 * detection.offset * self._image_px + own_px
         corners_px = centre_px + 0.5 * detection.box_px * np.array([[-1.0], [1.0]])
@@ -116,11 +116,11 @@ class Frigate(Rival):
         if self._move_time is not None and velocity is not None:
             frames = _FPS * self._move_time.predict_s(np.clip(move, -1.0, 1.0))
             move = move + frames * velocity / (0.5 * self._image_px)
-        # To the left and up, in halves of the field of view; that a tangent is no angle is left out of account.
+        # To the left and up, in halves of the field of view; as in the source, image coordinates are taken as angles.
         self._go(view.joints.position_rad - np.clip(move, -1.0, 1.0) * self._half_view_rad)
 
     def _is_far_off(self, detection: Detection, share: float) -> bool:
-        # The body's box ends at the image's border.
+        # The box of the person is clipped at the border of the image.
         box_px = np.minimum(detection.box_px * np.array([1.0, self._faces_tall]), self._image_px)
         side = int(np.argmax(box_px))
         size_px = self._image_px[side]
@@ -132,7 +132,7 @@ class Frigate(Rival):
         self._moving, self._started_s, self._stopped_s = True, self._frame_s, math.inf
 
 
-# Constants of Frigate, `track/norfair_tracker.py` and `ptz/autotrack.py`: of a person; pixels and frames.
+# Constants of Frigate for persons, `track/norfair_tracker.py` and `ptz/autotrack.py`; pixels and frames.
 _R, _Q = 4.5, 0.25
 _LARGEST_DIFFERENCE_PX = 20.0
 _LARGEST_DEVIATION_PX = 10.0
@@ -143,7 +143,7 @@ _START_P = 10.0
 
 
 class CornerFilter:
-    """Position and velocity of two corners, each coordinate by itself: they move on with random changes of speed.
+    """Independent constant-velocity Kalman filters of the coordinates of two corners.
 
     Args:
         corners_px: Upper left and lower right corner in the first frame, shape (2, 2), pixels.
@@ -160,7 +160,7 @@ class CornerFilter:
         self._kalman = kalman
 
     def update(self, corners_px: FloatArray) -> FloatArray:
-        """Velocity of both corners with the corners of the next frame, shape (2, 2), pixels a frame."""
+        """Update with the corners of the next frame; velocity of both corners, shape (2, 2), pixels a frame."""
         self._kalman.predict()
         self._kalman.update(corners_px.ravel())
         velocity: FloatArray = self._kalman.x[4:, 0].reshape(2, 2).copy()
@@ -168,7 +168,7 @@ class CornerFilter:
 
 
 def believed_velocity(corners_px: FloatArray, image_px: FloatArray, fps: float) -> FloatArray | None:
-    """The box's velocity, if its corners agree on it.
+    """Velocity of the box, if those of its corners are consistent.
 
     Args:
         corners_px: Velocity of both corners, shape (2, 2), pixels a frame.
@@ -176,7 +176,7 @@ def believed_velocity(corners_px: FloatArray, image_px: FloatArray, fps: float) 
         fps: Frames a second.
 
     Returns:
-        Their mean, shape (2,), pixels a frame; None if they are too fast or too different.
+        Mean velocity, shape (2,), pixels a frame; None if the corners are too fast or inconsistent.
     """
     first, second = corners_px
     difference = np.abs(first - second)
@@ -193,13 +193,13 @@ def believed_velocity(corners_px: FloatArray, image_px: FloatArray, fps: float) 
 
 
 _MOVES = 30
-# Bounds of the line's value at 0 and of its slope, seconds.
+# Bounds of intercept and slope, seconds.
 _OFFSET_S = (0.1, 10.0)
 _LARGEST_SLOPE_S = 2.0
 
 
 class FrigateCalibration(Rival):
-    """Pans by growing angles, back after each, and measures the durations; arguments as of `Rival`."""
+    """Measures the durations of pans of increasing size, there and back; arguments as of `Rival`."""
 
     name = "frigate_calibration"
 
@@ -216,7 +216,7 @@ class FrigateCalibration(Rival):
 
     @property
     def finished(self) -> bool:
-        """Whether all moves have been made."""
+        """Whether all moves are complete."""
         return len(self._times_s) == _MOVES
 
     def step(self, view: View) -> FloatArray:
@@ -233,7 +233,7 @@ class FrigateCalibration(Rival):
         return self._goal_rad
 
     def move_time(self) -> MoveTime | None:
-        """Line of least squares through the durations; None outside the program's bounds."""
+        """Least-squares line of the durations; None outside the bounds of the source."""
         made = len(self._times_s)
         slope_s, offset_s = np.polyfit(self._sizes[:made], self._times_s, 1)
         if not (_OFFSET_S[0] <= offset_s <= _OFFSET_S[1] and 0.0 < slope_s <= _LARGEST_SLOPE_S):

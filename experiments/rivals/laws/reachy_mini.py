@@ -21,21 +21,21 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
 _FORWARD = np.array([1.0, 0.0, 0.0])
-# Constants of reachy_mini, `vision/face_tracking.py`; lengths in halves of the image.
+# Constants of reachy_mini, `vision/face_tracking.py`; normalised image coordinates.
 _DETECTION_PERIOD_S = 0.1
-_EASE = 0.15  # share of the way to the target at each step
+_EASE = 0.15  # gain of the first-order lag at each step
 _LOSS_S = 2.0
 _LONGEST_JUMP, _MISSES = 0.5, 20
 _STILL, _FAST_CHANGE, _FAST_GAIN, _SLOW_GAIN = 0.02, 0.15, 0.6, 0.3
 
 
 class ReachyMini(Rival):
-    """Eases the head towards the face's direction, by the head's pose at processing.
+    """First-order lag towards the face's direction, with the head's pose at processing.
 
     Args:
-        neck: Model of the neck; the law uses none of its limits.
-        camera: Model of the camera; the law uses no offset of it.
-        filtered: Whether the face's place in the image is filtered.
+        neck: Model of the neck, without use of its limits.
+        camera: Model of the camera, without use of its offset.
+        filtered: Whether the image coordinates of the face are filtered.
     """
 
     name = "reachy_mini"
@@ -52,7 +52,7 @@ class ReachyMini(Rival):
         self._aim = self._target = _orientation(view.joints.position_rad)
 
     def step(self, view: View) -> FloatArray:
-        """See `Rival.step`; a command is sent one step after its computation."""
+        """See `Rival.step`; commands are delayed by one step."""
         for detection in self._detector.take(view.detections):
             head_rad = self._head_rad(view, detection)
             if head_rad is None or not self._gate.takes(detection):
@@ -71,14 +71,14 @@ class ReachyMini(Rival):
         return sent_rad
 
     def _head_rad(self, view: View, detection: Detection) -> FloatArray | None:
-        """Pan and tilt that turn the detection into the base frame; None drops it."""
+        """Pan and tilt for the transformation of a detection to the base frame; None rejects it."""
         return view.joints.position_rad
 
 
 class ReachyMiniCaptureRaw(ReachyMini):
-    """With the head's pose at capture, and without the filter in the image; arguments as of `Rival`.
+    """Variant with the head's pose at capture, and without the image filter; arguments as of `Rival`.
 
-    A frame of an unknown pose is dropped.
+    Frames without a known pose are rejected.
     """
 
     name = "reachy_mini_capture_raw"
@@ -92,12 +92,12 @@ class ReachyMiniCaptureRaw(ReachyMini):
 
 def _orientation(head_rad: FloatArray) -> Rotation:
     pan_rad, tilt_rad = head_rad
-    # Tilt up turns about the axis that points to the right.
+    # Positive tilt is a rotation about the axis to the right.
     return Rotation.from_euler("ZY", [pan_rad, -tilt_rad])
 
 
 def _look_along(direction: FloatArray) -> Rotation:
-    """The shortest turn from straight ahead to a direction."""
+    """Minimal rotation from straight ahead to a direction."""
     forward, left, up = direction
     across = math.hypot(left, up)
     if across == 0.0:
@@ -107,13 +107,13 @@ def _look_along(direction: FloatArray) -> Rotation:
 
 
 class Gate:
-    """Takes faces near the last one; after 20 missed detections, here their time, any face."""
+    """Gate around the last face; open after 20 missed detections, here after their duration."""
 
     def __init__(self) -> None:
         self._offset, self._seen_s = np.zeros(2), -math.inf
 
     def takes(self, detection: Detection) -> bool:
-        """Whether this is the tracked face."""
+        """Whether a detection is associated with the tracked face."""
         recent = detection.capture_time_s - self._seen_s <= _MISSES * _DETECTION_PERIOD_S
         if recent and np.linalg.norm(detection.offset - self._offset) > _LONGEST_JUMP:
             return False
@@ -122,14 +122,14 @@ class Gate:
 
 
 class ImageFilter:
-    """Low-pass with a dead zone and a higher gain for fast changes."""
+    """Low-pass filter with a dead zone and a higher gain for fast changes."""
 
     def __init__(self) -> None:
         self._filtered: FloatArray | None = None
         self._raw: FloatArray | None = None
 
     def update(self, raw: FloatArray) -> FloatArray:
-        """The filtered place, shape (2,), in halves of the image."""
+        """Filtered normalised image coordinates, shape (2,)."""
         if self._filtered is None or self._raw is None:
             self._filtered = raw
         elif np.linalg.norm(raw - self._filtered) >= _STILL:
@@ -139,12 +139,12 @@ class ImageFilter:
         return self._filtered
 
 
-# Constants of the app: share of the angles, period of its detector, hold and return after the last face.
+# Constants of the app: gain, period of the detector, hold and return times after the last face.
 _APP_GAIN, _APP_DETECTION_PERIOD_S, _HOLD_S, _RETURN_S = 0.6, 0.04, 2.0, 1.0
 
 
 class ConversationApp(Rival):
-    """Commands a share of the face's angles; arguments as of `Rival`."""
+    """Proportional law of the face's angles; arguments as of `Rival`."""
 
     name = "conversation_app"
     period_s = 0.01

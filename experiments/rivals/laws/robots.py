@@ -1,18 +1,17 @@
-"""Robots that turn by a profile of their own: humotion (Flobi, Floka), iKinGazeCtrl (iCub), OP3, and PR2's point_head.
+"""Robots with trajectory generators: humotion (Flobi, Floka), iKinGazeCtrl (iCub), OP3, and PR2's point_head.
 
-humotion: the target in the base frame is made with the encoders at the *capture* of the frame. On a robot with eyes the
-neck moves for large gaze shifts only; here, without eyes, its target is always that of the gaze.
+humotion: the target in the base frame is computed with the encoders at the *capture* of the frame. On a robot with eyes
+the neck moves for large gaze shifts only; here, without eyes, its target is always that of the gaze.
 
-iKinGazeCtrl: a filter with a triple closed-loop pole, close to minimum jerk. The face's point in space is made with the
-encoders at the *arrival* of the frame. The filter's input is the difference of target and neck; its output, a velocity,
-is integrated and sent as a position. The robot's neck moves for errors above 2.5 deg only; here it always moves.
+iKinGazeCtrl: a filter with a triple closed-loop pole, close to minimum jerk. The face's point in space is computed with
+the encoders at the *arrival* of the frame. The filter's input is the difference of target and neck; its output, a
+velocity, is integrated and sent as a position. The robot's neck moves for errors above 2.5 deg only; here always.
 
-ROBOTIS OP3: the error in the image at the arrival of the frame is added to the last goal, before the head has reached
-it. At a high rate of detections the same error is integrated several times.
+ROBOTIS OP3: the image error at the arrival of the frame is added to the last goal, before the head has reached it. At a
+high detection rate the same error is integrated several times.
 
-point_head: the goal is a point in space, by the head's pose at the *capture* of the frame (of a goal with that stamp).
-Each goal starts a two-point trajectory from the present state, so the head follows a walking person in starts without
-ends.
+point_head: the goal is a point in space, computed with the head's pose at the *capture* of the frame (the goal's time
+stamp). Each goal starts a two-point trajectory from the current state, which the next goal interrupts.
 """
 
 from __future__ import annotations
@@ -29,17 +28,17 @@ from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# Lower bound of the remaining way, which keeps the limits finite.
+# Lower bound of the remaining distance, which keeps the limits finite.
 _LEAST_WAY_DEG = 0.01
 # Share of the neck's range that humotion uses, and the time after which it stops without a target.
 _RANGE_SHARE, _SILENCE_S = 0.8, 1.0
 
 
 def limits_for(way_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Limits of speed and acceleration of humotion for a remaining way.
+    """Limits of speed and acceleration of humotion for a remaining distance.
 
     Args:
-        way_rad: Way to the target on each axis, shape (2,), radians.
+        way_rad: Distance to the target on each axis, shape (2,), radians.
 
     Returns:
         Speeds, rad/s, and accelerations, rad/s^2, shape (2,) each.
@@ -51,7 +50,7 @@ def limits_for(way_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class Humotion(Rival):
-    """Time-optimal motion to the target within limits for the remaining way; arguments as of `Rival`."""
+    """Time-optimal motion to the target with distance-dependent limits; arguments as of `Rival`."""
 
     name = "humotion"
 
@@ -89,13 +88,13 @@ class Humotion(Rival):
         self._position_rad, self._velocity_rad_s = np.array(moved.new_position), np.array(moved.new_velocity)
 
 
-# Of the filter -a / (s^2 - c s - b), for a duration of 1 s; and the time in which the neck makes 90 % of a step.
+# Coefficients of the filter -a / (s^2 - c s - b) for a duration of 1 s; time of the neck to 90 % of a step.
 _A, _B, _C = -150.766, -84.981, -15.967
 _NECK_TIME_S = 0.75
 
 
 class IKinGazeCtrl(Rival):
-    """Filters the way to the target; arguments as of `Rival`."""
+    """Second-order filter of the remaining distance; arguments as of `Rival`."""
 
     name = "ikingazectrl"
     period_s = 0.01
@@ -122,16 +121,16 @@ class IKinGazeCtrl(Rival):
         difference_rad = (self._target_rad - self._position_rad)[None]
         velocity_rad_s = (self._discrete.C @ self._state + self._discrete.D @ difference_rad)[0]
         self._state = self._discrete.A @ self._state + self._discrete.B @ difference_rad
-        # Trapezoidal rule, as in the discretisation of the filter.
+        # Trapezoidal rule, as for the filter.
         self._position_rad = self._position_rad + 0.5 * self.period_s * (velocity_rad_s + self._velocity_rad_s)
         self._velocity_rad_s = velocity_rad_s
         return self._position_rad
 
 
 class PointToPoint(Rival):
-    """Laws whose head moves from goal to goal by polynomials; arguments as of `Rival`."""
+    """Base of laws with polynomial point-to-point motion; arguments as of `Rival`."""
 
-    # Of position, velocity and so on, at both ends of a motion.
+    # Number of boundary conditions (position, velocity, ...) at each end of a motion.
     derivatives: ClassVar[int]
 
     def start(self, view: View) -> None:
@@ -140,7 +139,7 @@ class PointToPoint(Rival):
         self._motion: BPoly | None = None
 
     def _go(self, now_s: float, start_s: float, duration_s: float, goal_rad: FloatArray) -> None:
-        """Move to rest at a goal; the present state is held until the start."""
+        """Plan a motion to rest at a goal; the current state is held until its start."""
         states = [self._at(now_s), [goal_rad, *self._rest]]
         self._motion = BPoly.from_derivatives([start_s, start_s + duration_s], states)
         self._goal_rad = goal_rad
@@ -156,23 +155,23 @@ class PointToPoint(Rival):
         return [np.zeros(2)] * (self.derivatives - 1)
 
 
-# OP3: gains, mean speed of a motion, and the error that is none.
+# OP3: gains, mean speed of a motion, and dead zone of the error.
 _GAIN, _DERIVATIVE_GAIN = 0.6, 0.25
 _OP3_SPEED_RAD_S, _SMALL_RAD = math.radians(52.5), math.radians(1.0)
 _SHORTEST_S = 0.1
 
 
 class Op3(PointToPoint):
-    """Adds to the goal, and goes there with minimum jerk.
+    """PD increments of the goal, with minimum-jerk motion to it.
 
     Args:
-        neck: Model of the neck: its range bounds the goal.
+        neck: Model of the neck, with the range of the goal.
         camera: Model of the camera.
         detection_period_s: Period of the detector, seconds.
     """
 
     name = "op3"
-    derivatives = 3  # the polynomial of fifth order between two of these states has minimum jerk
+    derivatives = 3  # fifth-order polynomial: minimum jerk
     free = tuple({"detection_period_s": period_s} for period_s in (1.0 / 30.0, 0.1, 0.2, 0.4))
     period_s = 0.008
 
@@ -199,9 +198,9 @@ class Op3(PointToPoint):
         return self._at(view.time_s)[0]
 
 
-# PR2: delay from a goal to the start of its trajectory, and the shortest duration.
+# PR2: delay from a goal to the start of its trajectory, and least duration.
 _START_S = 0.01
-# Mean speed of a motion; free in the goal, this in the robot's tutorial.
+# Mean speed of a motion; a parameter of the goal, with the value of the robot's tutorial.
 _PR2_SPEED_RAD_S = 1.0
 
 
@@ -211,7 +210,7 @@ class Pr2PointHead(PointToPoint):
     Args:
         neck: Model of the neck: geometry and range.
         camera: Model of the camera.
-        min_duration_s: Least duration of a motion; free in the goal, 0.5 in the robot's tutorial, seconds.
+        min_duration_s: Least duration of a motion, seconds; a parameter of the goal, 0.5 in the robot's tutorial.
     """
 
     name = "pr2_point_head"

@@ -1,7 +1,7 @@
-"""Smith predictor for a neck that takes positions, and the same with feedforward of the person's velocity.
+"""Smith predictor for a position-controlled neck, and a variant with velocity feedforward.
 
-The undelayed model of the neck closes the loop; the model behind all delays gives the head's angle at the capture of
-the frame. The law needs neither encoders nor stamps, but models of dead time, servo and latency, which may be wrong.
+The delay-free model of the neck closes the loop; the delayed model gives the head's angle at the capture of the frame.
+The law uses models of dead time, servo and latency, with possible mismatch, but neither encoders nor time stamps.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from gazempc.neck.servo import zero_order_hold
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# Length of the model's history: more than all delays together.
+# Length of the model's history, above the sum of all delays.
 _PAST_S = 8.0
-# Without a bearing for this time the person is assumed to stand.
+# Age of the last bearing from which the person is assumed to stand.
 _PATIENCE_S = 0.5
 
 
 class Smith(Rival):
-    """Commands the model's angle plus a share of the model's error.
+    """Smith predictor: command = delay-free model angle + gain * (bearing - delay-free model angle).
 
     Args:
         neck: Model of the neck: dead time, servo, top speed and range.
         camera: Model of the camera, with its latency.
-        gain: Share of the error, above 0 and at most 1.
+        gain: Proportional gain, in (0, 1].
     """
 
     name = "smith"
@@ -37,7 +37,7 @@ class Smith(Rival):
     def __init__(self, neck: NeckSpec, camera: HeadCamera, *, gain: float = 1.0) -> None:
         super().__init__(neck, camera)
         self._gain = gain
-        # One step of each axis, shape (2, 2, 3): from angle, velocity and command to angle and velocity.
+        # Discrete model of each axis, shape (2, 2, 3): from angle, velocity and command to angle and velocity.
         self._servos = np.stack([zero_order_hold(axis, self.period_s) for axis in neck.axes])
         self._largest_rad = neck.velocity_max_rad_s * self.period_s
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=math.ceil(_PAST_S / self.period_s))
@@ -58,20 +58,20 @@ class Smith(Rival):
             self._capture_s = detection.arrival_time_s - self._camera.latency_s
             head_rad = self._head_rad(self._capture_s)
             self._bearing_rad = bearing_rad(self._camera, detection.offset, head_rad)
-            self._see(self._capture_s, self._bearing_rad)
+            self._estimate_velocity(self._capture_s, self._bearing_rad)
         if self._bearing_rad is not None:
             command_rad = self._model_rad + self._gain * (self._bearing_rad - self._model_rad)
             self._wanted_rad = self._within_range(command_rad + self._ahead_rad(view.time_s - self._capture_s))
-        # Limited to the motors' top speed, so that the linear model holds.
-        way_rad = self._wanted_rad - self._sent_rad
-        self._sent_rad = self._sent_rad + np.clip(way_rad, -self._largest_rad, self._largest_rad)
+        # Rate limit at the motors' top speed keeps the linear model valid.
+        step_rad = self._wanted_rad - self._sent_rad
+        self._sent_rad = self._sent_rad + np.clip(step_rad, -self._largest_rad, self._largest_rad)
         return self._sent_rad
 
-    def _see(self, capture_s: float, bearing: FloatArray) -> None:
-        """Estimate the person's velocity, in laws that have such an estimate."""
+    def _estimate_velocity(self, capture_s: float, bearing: FloatArray) -> None:
+        """Estimate the person's angular velocity; none without feedforward."""
 
     def _ahead_rad(self, age_s: float) -> FloatArray:
-        """Feedforward by the age of the bearing, shape (2,), radians."""
+        """Feedforward for a bearing of an age in seconds, shape (2,), radians."""
         return np.zeros(2)
 
     def _advance(self, now_s: float) -> None:
@@ -81,22 +81,22 @@ class Smith(Rival):
             self._past.append((now_s, self._model_rad))
 
     def _head_rad(self, time_s: float) -> FloatArray:
-        """The head's angles by the model behind the dead time."""
+        """Head angles of the delayed model, shape (2,), radians."""
         times_s = np.array([time for time, _ in self._past])
         model_rad = np.array([model for _, model in self._past])
-        asked_s = time_s - self._neck.dead_time_s
-        return np.array([np.interp(asked_s[axis], times_s, model_rad[:, axis]) for axis in (0, 1)])
+        delayed_s = time_s - self._neck.dead_time_s
+        return np.array([np.interp(delayed_s[axis], times_s, model_rad[:, axis]) for axis in (0, 1)])
 
 
 class SmithFeedForward(Smith):
-    """With feedforward of the person's angular velocity times all delays.
+    """Smith predictor with feedforward: angular velocity of the person times the total delay.
 
     An alpha-beta filter of the bearings estimates the velocity, with beta of Benedict and Bordner.
 
     Args:
         neck: Model of the neck.
         camera: Model of the camera.
-        gain: Share of the error, above 0 and at most 1.
+        gain: Proportional gain, in (0, 1].
         alpha: Gain of the filter for the angle.
     """
 
@@ -113,7 +113,7 @@ class SmithFeedForward(Smith):
         self._velocity_rad_s = np.zeros(2)
         self._place: tuple[float, FloatArray] | None = None
 
-    def _see(self, capture_s: float, bearing: FloatArray) -> None:
+    def _estimate_velocity(self, capture_s: float, bearing: FloatArray) -> None:
         dt_s = math.inf if self._place is None else capture_s - self._place[0]
         if self._place is None or dt_s > _PATIENCE_S:
             self._place, self._velocity_rad_s = (capture_s, bearing), np.zeros(2)
