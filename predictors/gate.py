@@ -47,32 +47,26 @@ class Gate:
     and manoeuvre noise since the last accepted frame. Rejected detections within walking distance of each other form a
     candidate track; a detection nearer to the candidate than to the track is rejected, too. The candidate replaces the
     track after 0.75 s of rejections, after 1.5 s if it has another identity, and sooner if the track is younger.
+
+    Attributes:
+        rejections_in_a_row: Number of consecutive rejected observations.
+        candidate: Rejected observations of the candidate track, oldest first.
     """
 
     def __init__(self) -> None:
-        self._rejections = 0
+        self.rejections_in_a_row = 0
         self._began_s = self._accepted_s = self._refused_s = -math.inf
         self._person_id: str | None = None
         self._measured_m2 = np.zeros((3, 3))
         self._judged_s = -math.inf
-        self._candidate: list[HeadObservation] = []
-
-    @property
-    def rejections_in_a_row(self) -> int:
-        """Number of consecutive rejected observations."""
-        return self._rejections
-
-    @property
-    def candidate(self) -> tuple[HeadObservation, ...]:
-        """Rejected observations of the candidate track, oldest first."""
-        return tuple(self._candidate)
+        self.candidate: tuple[HeadObservation, ...] = ()
 
     @property
     def lost(self) -> bool:
         """Whether the candidate should replace the track."""
-        if len(self._candidate) < _CANDIDATE_FRAMES:
+        if len(self.candidate) < _CANDIDATE_FRAMES:
             return False
-        newest = self._candidate[-1]
+        newest = self.candidate[-1]
         age_s = self._accepted_s - self._began_s
         wait_s = _RESTART_OTHER_ID_S if self._has_other_identity(newest) else min(_RESTART_AFTER_S, age_s)
         return newest.capture_time_s - self._refused_s >= wait_s - _ROUNDING_S
@@ -102,24 +96,24 @@ class Gate:
         # No manoeuvre noise for another identity: within a person's reach it is more probably another person.
         since_s = 0.0 if self._has_other_identity(observation) else observation.capture_time_s - self._accepted_s
         near = is_near(innovation_m, spread_m2 + self._measured_m2, since_s)
-        of_candidate = bool(self._candidate) and _associated(self._candidate[-1], observation)
+        of_candidate = bool(self.candidate) and _associated(self.candidate[-1], observation)
         if near and of_candidate:
-            near = _distance_m(self._candidate[-1], observation) > math.hypot(*innovation_m.tolist())
-        if not (of_candidate and len(self._candidate) >= _CANDIDATE_FRAMES):
+            near = _distance_m(self.candidate[-1], observation) > math.hypot(*innovation_m.tolist())
+        if not (of_candidate and len(self.candidate) >= _CANDIDATE_FRAMES):
             # From the third detection on the candidate is a person: its innovations are no tracker errors.
             self._update_covariance(innovation_m, spread_m2, observation.capture_time_s)
         if near:
             self._accept(observation)
         else:
-            if not self._rejections:
+            if not self.rejections_in_a_row:
                 self._refused_s = observation.capture_time_s
-            self._rejections += 1
-            self._candidate = [*self._candidate, observation] if of_candidate else [observation]
+            self.rejections_in_a_row += 1
+            self.candidate = (*self.candidate, observation) if of_candidate else (observation,)
         return near
 
     def _accept(self, observation: HeadObservation) -> None:
-        self._rejections = 0
-        self._candidate = []
+        self.rejections_in_a_row = 0
+        self.candidate = ()
         self._accepted_s = self._judged_s = observation.capture_time_s
         # Position takes precedence: trackers change the identity of a person.
         self._person_id = observation.person_id or self._person_id

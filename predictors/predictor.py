@@ -70,9 +70,7 @@ def as_times(times_s: ArrayLike) -> FloatArray:
     Raises:
         ValueError: If a time is not finite or the array has more than one dimension.
     """
-    times = np.asarray(times_s, dtype=np.float64)
-    if times.ndim == 0:
-        times = times.reshape(1)
+    times = np.atleast_1d(np.asarray(times_s, dtype=np.float64))
     if times.ndim != 1 or not np.isfinite(times).all():
         raise ValueError(f"times_s must be finite and of shape (H,), got {times!r}")
     return times

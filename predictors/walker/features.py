@@ -208,9 +208,8 @@ class WalkerHistory:
         )
 
     def _precision(self, noise_m2: list[float], share: float) -> float:
-        if not share:
-            return 0.0
-        white_m2 = math.prod(max((m2 - (1.0 - share) * PRIOR_M**2) / share, _ROUNDING_M2) for m2 in noise_m2)
+        measured_m2 = ((m2 - (1.0 - share) * PRIOR_M**2) / max(share, _ROUNDING_M2) for m2 in noise_m2)
+        white_m2 = math.prod(max(m2, _ROUNDING_M2) for m2 in measured_m2)
         wander_m, wander_share = self._colour.wander_m()
         weight = 1.0 - _ramp(math.sqrt(white_m2 ** (1.0 / 3.0)), *_PRECISE_WHITE_M)
         weight *= 1.0 - _ramp(wander_m, *_PRECISE_WANDER_M)

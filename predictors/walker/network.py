@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from typing import Any
@@ -95,14 +94,10 @@ class Regimes:
         if len(parts) == 1:
             return parts[0][0]
         return Regimes(
-            _sum(share[:, None, None] * outputs.walk_m for outputs, share in parts),
-            _sum(share[:, None, None] * outputs.stay_m for outputs, share in parts),
-            _sum(share * outputs.logit for outputs, share in parts),
+            reduce(np.add, (share[:, None, None] * outputs.walk_m for outputs, share in parts)),
+            reduce(np.add, (share[:, None, None] * outputs.stay_m for outputs, share in parts)),
+            reduce(np.add, (share * outputs.logit for outputs, share in parts)),
         )
-
-
-def _sum(arrays: Iterable[FloatArray]) -> FloatArray:
-    return reduce(np.add, arrays)
 
 
 @dataclass(frozen=True)

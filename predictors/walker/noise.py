@@ -46,12 +46,16 @@ class MeasuredNoise:
 
     The third divided difference of a walk is small, so its residual is noise. Plain floats: NumPy is several times
     slower for arrays this small.
+
+    Attributes:
+        measured_share: Share of measurements in the covariance, 0 to 1; 0 below 14 frames a second. The rest is the
+            prior.
     """
 
     def __init__(self) -> None:
         # xx, xy, xz, yy, yz, zz
         self._covariance_m2 = [PRIOR_M**2, 0.0, 0.0, PRIOR_M**2, 0.0, PRIOR_M**2]
-        self._frames, self._prior_share = _PRIOR_FRAMES, 1.0
+        self._frames, self.measured_share = _PRIOR_FRAMES, 0.0
 
     def learn(self, times_s: FloatArray, positions_m: FloatArray) -> None:
         """Update with the newest position.
@@ -76,12 +80,7 @@ class MeasuredNoise:
             (1.0 - gain) * known + share * new for known, new in zip(self._covariance_m2, squares, strict=True)
         ]
         self._frames += 1.0
-        self._prior_share *= 1.0 - gain
-
-    @property
-    def measured_share(self) -> float:
-        """Share of measurements in the covariance, 0 to 1; 0 below 14 frames a second. The rest is the prior."""
-        return 1.0 - self._prior_share
+        self.measured_share += gain * (1.0 - self.measured_share)
 
     def covariance_m2(self) -> FloatArray:
         """Covariance, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""

@@ -50,12 +50,7 @@ class Walker:
     def __init__(self, model: WalkerModel | None = None) -> None:
         self._model = shipped_walker_model() if model is None else model
         self._position = ConstantVelocity()
-        self._reset_tracker()
-        self._reset_track()
-
-    def _reset_tracker(self) -> None:
-        self._recent: deque[HeadObservation] = deque(maxlen=_AGAIN_FRAMES)
-        self._range, self._largest_m2 = MeasuredRange(), 0.0
+        self.reset()
 
     def _reset_track(self) -> None:
         self._history, self._noise = WalkerHistory(), MeasuredNoise()
@@ -67,7 +62,8 @@ class Walker:
     def reset(self) -> None:
         """Return to the initial state."""
         self._position.reset()
-        self._reset_tracker()
+        self._recent: deque[HeadObservation] = deque(maxlen=_AGAIN_FRAMES)
+        self._range, self._largest_m2 = MeasuredRange(), 0.0
         self._reset_track()
 
     @property
