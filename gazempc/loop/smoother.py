@@ -34,8 +34,8 @@ class _AxisSmoother:
         self._low, self._high, self._v_max, self._a_max, self._j_max = limits
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1, period_s)
-        # A separate trajectory for stops: a stop has no target position, but the one stored in the trajectory (initially
-        # 0) counts among its extrema.
+        # A separate trajectory for stops: a stop has no target position, but the one stored in the trajectory (0 at
+        # first) counts among its extrema.
         self._trajectory, self._stop = ruckig.Trajectory(1), ruckig.Trajectory(1)
         # One input for each problem, as most of its values are constant: setting one takes as long as some solutions.
         self._to_follow, self._to_meet, self._to_rest = (ruckig.InputParameter(1) for _ in range(3))
@@ -107,8 +107,8 @@ class _AxisSmoother:
         return later if later > now else now
 
     def _follow(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
-        # The plan's motion, if it is reachable within this period; arrival at its end, not earlier, as the command would
-        # then wait for the plan.
+        # The plan's motion, if it is reachable within this period; arrival at its end, not earlier, as the command
+        # would then wait for the plan.
         if self._out_of_reach(now, target[0]):
             return None
         request = self._to_follow
