@@ -32,7 +32,7 @@ Answer = TypeVar("Answer")
 
 
 class DataSheet(Settings):
-    """Values of a neck's data sheet; the user is prompted for missing ones."""
+    """Values of a neck's data sheet; a missing one is asked for."""
 
     pan_deg: tuple[float, float] | None = Field(
         default=None, description="Range of pan, degrees: right end (negative) and left end; straight ahead is 0"

@@ -42,7 +42,7 @@ class Status(NamedTuple):
 
 
 class StatusLine:
-    """Prints the status in a thread of its own, within a with-block.
+    """Prints the status in a separate thread, within a with-block.
 
     Args:
         neck: The neck.

@@ -1,4 +1,4 @@
-"""What remains of a live run: its logs on disk, `summary.json`, and the lines that people read."""
+"""Output of a live run: logs on disk, `summary.json`, report and text summary."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _REASONS = {
 
 
 class KeptLogs:
-    """Writes each log of a run, and remembers of it what the summary needs.
+    """Writes each log of a run, and keeps the data of the summary.
 
     Args:
         settings: Settings of the run; `out` is where to write.

@@ -28,7 +28,7 @@ _Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Framing(Strict):
-    """Framing of a head in the picture of a camera on the neck; lengths are shares of the picture, for any zoom."""
+    """A head in the picture of a camera that the neck turns; lengths are shares of the picture, so any zoom fits."""
 
     subject: Literal["no", "one", "all"] = Field(
         default="one",

@@ -89,7 +89,7 @@ def person_frame(head_base_m: FloatArray, quat_wxyz: FloatArray | None) -> Place
 
     Args:
         head_base_m: Its position, shape (3,), metres.
-        quat_wxyz: Its orientation, shape (4,); None where it was not observed: then that of the base.
+        quat_wxyz: Its orientation, shape (4,); None if it was not observed: then that of the base.
 
     Returns:
         The frame ``person`` in the base.

@@ -71,7 +71,7 @@ _PACKAGES = ("gazempc", "daqp", "numpy", "scipy", "filterpy", "ruckig", "matplot
 
 
 def label(controller: str) -> str:
-    """Name of a controller for people; one of the user's own keeps its name."""
+    """Name of a controller for people; a user-defined one keeps its name."""
     return LABELS.get(controller, controller)
 
 

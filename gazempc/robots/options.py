@@ -12,7 +12,7 @@ from gazempc.parts import ROBOT, check_choice
 from gazempc.ros2.messages import PoseType, SoundType
 from gazempc.settings import Settings, on_command_line
 
-# A shipped name, or module:Class for a robot of the user's own.
+# A shipped name, or module:Class for a user-defined robot.
 RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT)), on_command_line(ROBOT)]
 
 

@@ -28,7 +28,7 @@ class Crowd:
 
     Attributes:
         heads: True head of each person.
-        seen: Number in `heads` and sighting, in the order of arrival.
+        seen: Number in `heads` and sighting, in order of arrival.
 
     Raises:
         SettingsError: If there are several people and the target is for a single person.

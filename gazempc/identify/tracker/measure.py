@@ -42,7 +42,7 @@ class TrackerErrors:
         range_m: Least, median and largest range, shape (3,), metres.
         head_yaw: Error of the yaw; None if unknown.
         pelvis_yaw: Error of the yaw; None if unknown.
-        delay_s: Median from stamp to arrival, seconds; None where unknown.
+        delay_s: Median from stamp to arrival, seconds; None if unknown.
     """
 
     frames: FrameTimes

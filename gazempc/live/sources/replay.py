@@ -126,7 +126,7 @@ class BagSource(ReplaySource):
 
 
 def bag_sightings(placed: Recording) -> list[Sighting]:
-    """What a tracker measured, in the order of arrival.
+    """What a tracker measured, in order of arrival.
 
     Args:
         placed: The recording, with what was measured; time starts at 0. Without delays all arrives at once.

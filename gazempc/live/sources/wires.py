@@ -31,7 +31,7 @@ class Chunk(NamedTuple):
 
     Attributes:
         data: The bytes; of datagrams none for a sender whose port is closed.
-        sender: Who sent them; None where there is only one who can.
+        sender: Who sent them; None if there is only one who can.
     """
 
     data: bytes

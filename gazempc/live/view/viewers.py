@@ -186,7 +186,7 @@ def start_viewers(settings: LiveSettings, setup: LiveSetup) -> Feed | None:
         setup: The parts of the run; the source is not open yet.
 
     Returns:
-        The feed of moments; None where no viewer and no MCAP file is wanted.
+        The feed of moments; None if no viewer and no MCAP file is wanted.
 
     Raises:
         SettingsError: If a package is missing, a file cannot be written, or the address cannot be used.

@@ -156,7 +156,7 @@ def _moved(path: Path, frames: FrameTree, poses: Poses, start: str, goal: str) -
 def _pelvis(
     frames: FrameTree, seen: Sighted, frame: str, axes: Axes, times_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions, shape (N, 3), and quaternions, (N, 4), of the hips of the head's skeleton; NaN where unknown."""
+    """Positions, shape (N, 3), and quaternions, (N, 4), of the hips of the head's skeleton; NaN if unknown."""
     way = None
     if seen.name.startswith("head_"):
         way = frames.way(f"body_{seen.name.removeprefix('head_')}", frame)

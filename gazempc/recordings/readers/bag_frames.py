@@ -31,7 +31,7 @@ class Poses:
         times_s: Stamps, shape (N,), seconds.
         delays_s: From the stamp to the message's arrival in the bag, shape (N,), seconds.
         position_m: Shape (N, 3), metres.
-        quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
+        quat_wxyz: Shape (N, 4), unit quaternions; NaN if unknown.
     """
 
     times_s: FloatArray
@@ -86,7 +86,7 @@ class FrameTree:
             goal: Name of the other.
 
         Returns:
-            Transforms, and for each whether the way goes from child to parent; None where the two are not connected.
+            Transforms, and for each whether the way goes from child to parent; None if the two are not connected.
         """
         neighbours: Mapping[str, list[tuple[str, Edge, bool]]] = defaultdict(list)
         # Fixed ones first: of two ways of the same length the one that needs no interpolation is taken.
@@ -145,7 +145,7 @@ class FrameTree:
 
 
 def usable(poses: Poses) -> Poses:
-    """Poses with finite numbers and with an orientation or none, in the order of their stamps, each stamp once."""
+    """Poses with finite numbers and with an orientation or none, sorted by stamp, each stamp once."""
     unknown = np.isnan(poses.quat_wxyz).all(axis=1)
     norms = np.linalg.norm(poses.quat_wxyz, axis=1)
     oriented = np.isfinite(norms) & (norms > 0.5)
@@ -225,7 +225,7 @@ def person_axes(
 
     Args:
         position_m: Of one person, in a frame with x forward and z up, shape (N, 3), metres.
-        quats_wxyz: Orientations in this frame, shape (N, 4); NaN where unknown.
+        quats_wxyz: Orientations in this frame, shape (N, 4); NaN if unknown.
         from_sensor: Whether the frame's origin is the sensor, to which people turn their faces more often than not.
         is_face: Whether faces alone are seen: these are turned to the sensor.
 

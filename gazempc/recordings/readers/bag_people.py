@@ -108,7 +108,7 @@ def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
 
 
 def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | None:
-    """A person's frame in the nearest frame of no person; None where it never moves, or has no such frame."""
+    """A person's frame in the nearest frame of no person; None if it never moves, or has no such frame."""
     own_id = name.partition("_")[2]
     way: list[tuple[tuple[str, str], bool]] = []
     here, been = name, {name}

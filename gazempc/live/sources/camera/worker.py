@@ -126,7 +126,7 @@ def serve(parent: Connection, address: str, options: CameraOptions, shows: bool,
         options: What to ask of the camera.
         parent: Where messages go.
         shows: Whether small pictures go there, too.
-        own: Values for the constructor of a camera of your own.
+        own: Values for the constructor of a user-defined camera.
     """
     # The camera is let go in order.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))

@@ -88,7 +88,7 @@ class RawTable:
         return np.array(values, dtype=np.float64)
 
     def unit(self, name: str) -> str | None:
-        """Unit of a column: the file's, or the one in its name; None where neither has one."""
+        """Unit of a column: the file's, or the one in its name; None if neither has one."""
         return self.units.get(name) or split_unit(name)[1]
 
     def _column(self, name: str) -> Sequence[str] | FloatArray:
