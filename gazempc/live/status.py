@@ -24,7 +24,7 @@ _WAITING = 60
 
 
 class Status(NamedTuple):
-    """A status, and what has happened since the one before.
+    """A status, with the changes since the previous one.
 
     Attributes:
         time_s: Time since the first tick, seconds.

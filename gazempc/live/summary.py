@@ -219,7 +219,7 @@ def last_line(summary: dict[str, Any]) -> str:
 
 
 def _clock_hint(name: str, summary: dict[str, Any]) -> str:
-    """By how much the tracker's clock may be off, where that explains what was refused."""
+    """Possible offset of the tracker's clock, if it explains the refused observations."""
     least_s, greatest_s = summary["soonest_age_s"]
     off_s = 0.0
     if name == Event.FUTURE_OBSERVATION and least_s is not None and least_s < 0:

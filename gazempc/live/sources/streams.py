@@ -110,9 +110,9 @@ _WAITING_MAX = 1024
 _TEXTS_KEPT = 20
 # An observation with all its fields has a fifth of it. Parsing more would delay other threads.
 LINE_MAX = 4096
-# Of what comes at once the newest are parsed; no tracker sends so many people in a moment.
+# Maximum number of lines parsed from one burst, the newest; more than the people of a frame.
 _LINES_MAX = 64
-# After so many, as much time is left to others as the parsing took.
+# Number of lines after which the thread yields for as long as the parsing took.
 _MANY_LINES = 16
 
 

@@ -109,7 +109,7 @@ def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
             near = suggest(options.person, {name for seen in found for name in (seen.name, seen.person)})
             raise SettingsError(f"person: no {options.person!r} in {path}; {near}")
         return named[0]
-    # Eyes are not between the hips.
+    # Frames of bodies are at the hips, not at the head.
     heads = [seen for seen in found if not seen.name.startswith("body_")]
     if not heads:
         problem = f"only bodies: {', '.join(s.name for s in found)}"

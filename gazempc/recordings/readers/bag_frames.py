@@ -16,7 +16,7 @@ from gazempc.recordings.readers.bag_messages import TF, TF_STATIC, BagMessage, s
 from gazempc.recordings.recording import composed
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# Between a frame's messages it is interpolated. Farther from the nearest one its place is unknown.
+# Largest distance in time from a message of a frame for interpolation; beyond it the pose is unknown.
 _LONGEST_GAP_S = 1.0
 # Frames that are no sensor's origin: the line of sight is unknown there.
 FIXED_FRAMES = ("map", "odom", "world", "earth")
@@ -176,7 +176,7 @@ Axes = Literal["optical", "forward"]
 _FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # FrameTree that REP 103 and REP 105 give x forward, z up.
 _FORWARD = re.compile(r"base(_.*)?|.*_(link|footprint|body)")
-# A person's axis within 60 degrees of a direction in the median is meant to point there.
+# Cosine of 60 degrees: largest median angle between an axis of a person and a direction assigned to it.
 _POINTS = 0.5
 
 

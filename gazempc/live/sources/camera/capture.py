@@ -50,7 +50,7 @@ class CameraOptions(Settings):
 _STAMP_AGE_MAX_S = 1.0
 # How long to wait before a camera that gives no picture is opened again.
 _RETRY_S = 1.0
-# A network camera without a picture for so long, or with one and the same, stands still.
+# Timeouts of a network camera: without a picture, and with an unchanged picture.
 _SILENT_S, _SAME_S = 2.0, 1.0
 # A stream that is later than its fastest picture of the last minute by this much falls behind.
 _LAG_S, _LAG_OVER_S = 0.5, 60.0
@@ -151,7 +151,7 @@ class VideoFile:
 
 
 class StreamWatch:
-    """Finds a stream that stands still, and one that falls behind by its own time stamps."""
+    """Detects a frozen stream, and growing latency by its own time stamps."""
 
     def __init__(self) -> None:
         self._picture, self._since_s, self.frozen = b"", -math.inf, False

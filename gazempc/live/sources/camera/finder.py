@@ -15,8 +15,8 @@ from gazempc.live.sources.camera.intrinsics import Intrinsics
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
-# A cut-out is so many widths of a face: the network then sees it as large as it was trained with, and a face that has
-# moved by half its width or so is still in it.
+# Side of the search window in widths of the face: the scale of the network's training data, with room for a motion of
+# about half a width.
 _ROOM = 2.5
 # Squares of this share of the picture's height, half a square apart, are searched in turn: a face 4 m away (24 of 640
 # pixels, with 60 degrees in view) is still found in them. A face nearer than 1 m is larger than their overlap. It is
@@ -29,13 +29,13 @@ _NEW_SCORE, _SURE_SCORE, _KNOWN_SCORE = 0.4, 0.5, 0.35
 # Hair, necks and bald heads from behind score as high as faces, in up to three pictures of a video in a row, but their
 # mirror images do not: at this score 22 % of them pass, and 76 % of faces of 20 to 50 pixels (labelled pedestrians).
 _MIRRORED_SCORE = 0.4
-# A new face is handed on after so many pictures in a row, and so long. Key points alone separate them badly.
+# Confirmation of a new face: consecutive pictures, and duration. Key points alone discriminate badly.
 _CONFIRMED_BY, _CONFIRMED_S = 3, 0.2
 # A face that is followed is checked by its mirror image, too, where it is this unsure: the person may turn away.
 _UNSURE_SCORE, _UNSURE_MIRRORED_SCORE = 0.5, 0.3
-# Farther than 8 m, with 640 pixels of 60 degrees: enlarged so much, noise looks like a face.
+# Minimum width of a face (8 m, with 640 pixels of 60 degrees): smaller ones are confused with magnified noise.
 _LEAST_PX = 12
-# As long as this a person keeps the name, and is looked for at the place; on a slow computer until the next picture.
+# Lifetime of a track without detections; on a slow computer at least until the next picture.
 _REMEMBERED_S = 1.0
 # A face that is found again is the same one within this many of its widths, and this change of its width.
 _SAME_WIDTHS, _SAME_CHANGE = 3.0, 1.5
@@ -234,7 +234,7 @@ def _same(face: Face, lost: list[Followed], time_s: float) -> Followed | None:
 
 
 class FaceSensor:
-    """Observes all people whose faces are found.
+    """Observes all people with detected faces.
 
     Args:
         detector: Finds faces in a square of a picture.

@@ -27,7 +27,7 @@ _ENDS_WITHIN_S = 3.0
 
 
 class CameraSource:
-    """Finds faces in the pictures of a camera, in a separate process, and names each while it is followed.
+    """Detects and tracks faces in the pictures of a camera, in a separate process.
 
     Positions are those of the point between the eyes, in the camera's frame: x along the view, y left, z up. They state
     their covariance: the direction is known well, the distance by the size of the face. Without a person in view it

@@ -139,7 +139,7 @@ _LANDMARK = re.compile(
     r"(landmark|joint|key_?point|body_?part|marker|bone|segment)(_?(id|name|index|no|nr|number))?", re.I
 )
 _AXIS = re.compile(r"(?P<kind>pos|position)?[._ ]?(?P<axis>[xyz])", re.I)
-# Of one landmark only: what else stands in a row, such as a time, is the frame's.
+# Columns that belong to one landmark; all others in a row, such as a time, belong to the frame.
 _OF_LANDMARK = re.compile(r"(visibility|presence|confidence|score|likelihood|type)", re.I)
 
 
