@@ -50,8 +50,8 @@ class FollowingWatch:
     """Compares the range of motion of each joint with that of its simulated servo, over a sliding window.
 
     Insensitive to offsets (gravity, a wrong zero) and to small errors of the dead time, as only motion is compared. The
-    servo model is needed because brief command pulses move no joint. A held joint is released when its motion reaches
-    the expected share.
+    servo model is needed because brief command pulses move no joint. A held joint is released when its range of motion
+    reaches the smallest one that is judged.
 
     Args:
         neck: The neck.

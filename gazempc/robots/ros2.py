@@ -24,7 +24,7 @@ _STATE_TYPE = "sensor_msgs/msg/JointState"
 _WAKE_S = 0.01
 
 
-# Number of points of a stop: enough for the controller's quintic spline to approximate phases of constant jerk.
+# Number of intervals of a stop: enough for the controller's quintic spline to approximate phases of constant jerk.
 _STOP_POINTS = 5
 # Speed towards the command after a loss of the controller, rad/s: the neck may have been displaced.
 _RETURN_RAD_S = 0.5

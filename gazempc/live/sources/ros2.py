@@ -143,7 +143,7 @@ class Ros2Source(ABC):
         self._node = None
 
     def _watch_senders(self, now_s: float) -> tuple[Notice, ...]:
-        """Notices of topics that have lost their publisher, or have several (allowed for tf), since the last call."""
+        """Notices of topics that newly have no publisher, or newly have several (allowed for tf)."""
         if now_s < self._watch_due_s:
             return ()
         self._watch_due_s = now_s + _DISCOVERY_S
