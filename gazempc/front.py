@@ -49,14 +49,14 @@ def replay(
         placement: ``recorded`` or ``side``; None for the one that fits the recording.
         seed: Seed of the sensor's noise.
         **settings: Any other setting of `gazempc.sim.replay.ReplaySettings`, such as ``distance_m=1.0``,
-            ``mpc={"horizon_s": 0.6}``, ``attend="nearest"`` or ``options={"gain": 0.3}`` for a part of your own.
+            ``mpc={"horizon_s": 0.6}``, ``attend="nearest"`` or ``options={"gain": 0.3}`` for a user-defined part.
 
     Returns:
         The log.
 
     Raises:
         GazempcError: If a name does not exist, a file or setting is wrong, or the recording is too short. Also if the
-            robot would be too near to the person, or a part of your own is wrong.
+            robot would be too near to the person, or a user-defined part is wrong.
     """
     named = {
         "neck": neck.name if isinstance(neck, NeckSpec) else str(neck),

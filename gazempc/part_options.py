@@ -1,4 +1,4 @@
-"""Makes parts: what their constructors ask for is given, or comes from options."""
+"""Construction of parts: constructor arguments by injection, or from options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predictors, controllers, robots and sources by name: a shipped name, or ``module:Class`` for a part of your own."""
+"""Predictors, controllers, robots and sources by name: a shipped name, or ``module:Class`` for a user-defined part."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def split_address(choice: str) -> tuple[str, str]:
 
 
 def is_own(choice: str) -> bool:
-    """Whether a choice names a part of the user's own, ``module:Class``."""
+    """Whether a choice names a user-defined part, ``module:Class``."""
     module, mark, name = choice.partition(_MARK)
     return (
         bool(mark)
@@ -266,7 +266,7 @@ def name_of(kind: Kind, part: object) -> str:
         part: The part.
 
     Returns:
-        The shipped name; of a part of your own its attribute ``name`` where that is a text, else its class's name. If
+        The shipped name; of a user-defined part its attribute ``name`` where that is a text, else its class's name. If
         a shipped part has that name, too, the module stands before it.
     """
     own = type(part)

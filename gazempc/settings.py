@@ -46,7 +46,7 @@ def on_command_line(kind: Kind, check: Callable[[str], str] | None = None) -> Pr
 
 
 _AboveZero = Annotated[float, Field(gt=0)]
-# A shipped name, or module:Class for a part of the user's own; see `gazempc.parts`.
+# A shipped name, or module:Class for a user-defined part; see `gazempc.parts`.
 ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER)), on_command_line(CONTROLLER)]
 PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR)), on_command_line(PREDICTOR)]
 # In replays a controller may have a predictor of its own: mpc+perfect.

@@ -1,4 +1,4 @@
-"""Values that pass between the stages."""
+"""Data types exchanged between the stages of the loop."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class JointState:
 
 @dataclass(frozen=True)
 class CameraView:
-    """What a camera saw when it captured a picture.
+    """View frustum of a camera at the capture time of a picture.
 
     Attributes:
         position_base_m: Place of the camera, shape (3,), metres.
@@ -46,7 +46,7 @@ class CameraView:
     half_rad: tuple[float, float]
 
     def bounded(self, places_m: FloatArray) -> FloatArray:
-        """Turn directions that lie more than half a picture outside of the picture to this bound.
+        """Clamp directions to half a picture outside of the picture.
 
         Args:
             places_m: Places in the base frame, shape (N, 3), metres.
@@ -72,7 +72,7 @@ class Sighting:
         observation: The observation with its capture time.
         head_position_sensor_m: The same head in the frame of a sensor that moves, shape (3,), metres; None for one that
             is fixed to the base.
-        view: The camera's view; None where it is unknown.
+        view: The camera's view; None if it is unknown.
     """
 
     arrival_s: float

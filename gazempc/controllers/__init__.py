@@ -1,1 +1,1 @@
-"""Controllers: each turns a forecast into a plan of commands. May import gazempc.neck and predictors."""
+"""Controllers: map a forecast to a plan of commands. May import gazempc.neck and predictors."""

@@ -1,4 +1,4 @@
-"""The joints beside pan and tilt: a body under the neck and eyes in the head share one gaze with it."""
+"""Redundancy resolution: distributes one gaze direction over body, head and eyes."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad, look_at_rad
 from gazempc.neck.spec import BODY_AXIS, EYE_AXES, NeckSpec
 from gazempc.types import BoolArray, FloatArray
 
-# With it shifts of 20 deg come nearest to people's (docs/eyes.md); less changes nothing more.
+# Best match with human gaze shifts of 20 deg (docs/eyes.md); smaller values have no further effect.
 _SHARED_HEAD_TIME_S = 0.1
-# Time constant with which the body follows the gaze. A body is heavy, and people read a turning body as an intention.
+# Time constant of the body. A body is heavy, and people interpret a turning body as an intention.
 _BODY_TIME_S = 0.5
-# The body stays so near the gaze that the head needs no more than this share of its range.
+# Bound on the head angle relative to the body, as a share of the head's range.
 _HEAD_SHARE = 0.4
-# Pan and tilt of the head hardly depend on each other: three turns leave less than a hundredth of a degree.
-_TURNS = 3
-# Eyes stay for long within this share of their range; the rest is a reserve for unforeseen motion.
+# Fixed-point iterations; pan and tilt are weakly coupled: the residual is below 0.01 deg.
+_ITERATIONS = 3
+# Share of the eyes' range that is used at steady state; the rest is a reserve for unforeseen motion.
 _COMFORTABLE_SHARE = 0.8
 
 
 class _PlannedJoint:
-    """Where a joint will be that follows commands sent and committed, and then its plan.
+    """Prediction of one joint's angle under the commands sent, the commands committed and its plan.
 
     Args:
         neck: The neck.
-        joint: Place of the joint among the neck's.
+        joint: Index of the joint in `NeckSpec.joint_names`.
         knots_s: Times of the plan's knots from its start, shape (K,), seconds.
     """
 
@@ -39,7 +39,7 @@ class _PlannedJoint:
         self._motions: dict[tuple[int, bytes], JointAhead] = {}
 
     def angles_rad(self, situation: Situation, planned_rad: FloatArray, ahead_s: FloatArray) -> FloatArray:
-        """Angles of the joint; a held one stays where it is.
+        """Predicted angles of the joint; constant for a held joint.
 
         Args:
             situation: State of joints and commands.
@@ -70,7 +70,7 @@ class _PlannedJoint:
 
 
 class BodyAim(_PlannedJoint):
-    """Commands of a body for a person's direction: slowly, it brings the head back to the middle of its range.
+    """Commands of the body: low-passed direction of the person, which returns the head to the middle of its range.
 
     Args:
         neck: A neck with a body.
@@ -99,8 +99,8 @@ class BodyAim(_PlannedJoint):
 class EyeAim:
     """Commands of the eyes for a person's forecast and a plan of the other joints.
 
-    An eye answers long before the head. The motion of the head until then is known: it follows commands already sent,
-    and then its plan. The eyes are turned by what is left. So they cancel the head's own motion as well.
+    The delay of the eyes is shorter than that of the head. The head angle at the end of the eyes' delay is predicted
+    from the commands already sent and the plan; the eyes take the residual angle, and so compensate the head's motion.
 
     Args:
         neck: A neck with eyes.
@@ -113,16 +113,16 @@ class EyeAim:
         self._geometry, self._knots_s = neck.geometry, knots_s
         self._eyes = [neck.joint_names.index(name) for name in EYE_AXES]
         self._others = [_PlannedJoint(neck, i, knots_s) for i in range(neck.joints) if i not in self._eyes]
-        # A command is held for a servo period, so on average it is half of that late.
+        # The zero-order hold adds a mean delay of half a servo period.
         ahead_s = (neck.dead_time_s + neck.servo_lag_s)[self._eyes] + 0.5 * neck.servo_period_s
-        # One set of times where both joints of the eyes are as fast.
+        # A single set of times if both joints of the eyes have the same delay.
         self._ahead_s: FloatArray = np.unique(ahead_s)
         self._at = [int(np.flatnonzero(self._ahead_s == each)[0]) for each in ahead_s]
-        # What is left to the eyes of a pan and a tilt below and above where the head rests.
-        left_over = 1.0 - np.array(
+        # The eyes' share of pan and tilt, for angles below and above the head's rest position.
+        eye_share = 1.0 - np.array(
             [[eyes.head_share_pan, eyes.head_share_down], [eyes.head_share_pan, eyes.head_share_up]]
         )
-        self._left_over = left_over if left_over.any() else None
+        self._eye_share = eye_share if eye_share.any() else None
         limits = neck.command_limits
         self._low_rad, self._high_rad = limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes]
         self._rest_rad = neck.rest_rad[:2]
@@ -143,7 +143,7 @@ class EyeAim:
         Returns:
             Commands of the eyes, within their limits, shape (K, 2), radians.
         """
-        # Eyes that answer no faster than the head look beyond its plan: there its last command is held.
+        # Eyes with a delay not shorter than the head's need angles beyond the plan: its last command is held there.
         others_rad = np.array(
             [
                 [
@@ -156,52 +156,53 @@ class EyeAim:
         heads_rad = head_angles_rad(others_rad)
         angles = eye_angles_rad(self._geometry, heads_rad, means_base_m.reshape(-1, self._knots_s.size, 3))
         wanted = np.stack([angles[self._at[0], :, 0], angles[self._at[1], :, 1]], axis=-1)
-        # A held eye is sent its angle from the middle, so its motion shows as soon as it can move.
+        # A held eye is commanded the full angle: its motion is detected as soon as it is released.
         zero_rad = np.where(self.held(situation), self._held_rad(situation), situation.joint_offset_rad[self._eyes])
         return np.clip(wanted - zero_rad, self._low_rad, self._high_rad)
 
     def head_share_rad(self, head_rad: FloatArray) -> FloatArray:
-        """Angles of a head that leaves the neck's share of a direction to the eyes.
+        """Head angles after subtraction of the eyes' share of the direction.
 
         Args:
             head_rad: Pan and tilt of a head whose eyes look straight ahead, in the base frame, shape (H, 2), radians.
 
         Returns:
-            Shape (H, 2), radians; `head_rad` itself where the head does all.
+            Shape (H, 2), radians; `head_rad` itself if the eyes have no share.
         """
-        if self._left_over is None:
+        if self._eye_share is None:
             return head_rad
         away_rad = head_rad - self._rest_rad
-        eyes_rad = np.where(away_rad < 0.0, self._left_over[0], self._left_over[1]) * away_rad
+        eyes_rad = np.where(away_rad < 0.0, self._eye_share[0], self._eye_share[1]) * away_rad
         return np.asarray(head_rad - np.clip(eyes_rad, -self._reach_rad, self._reach_rad))
 
     def head_without_rad(self, situation: Situation, means_base_m: FloatArray, head_rad: FloatArray) -> FloatArray:
-        """Angles of the head that look at the person past eyes that are held; arguments as in `head_share_rad`."""
+        """Head angles that aim held eyes at the person, by fixed-point iteration; arguments as in `head_share_rad`."""
         held_rad = self._held_rad(situation)
         if not held_rad.any():
             return head_rad
-        for _ in range(_TURNS):
+        for _ in range(_ITERATIONS):
             head_rad = head_rad + eye_angles_rad(self._geometry, head_rad, means_base_m) - held_rad
         return head_rad
 
     def held(self, situation: Situation) -> BoolArray:
-        """Which of the eyes' pan and tilt are held, shape (2,)."""
+        """Whether the eyes' pan and tilt are held, shape (2,)."""
         return np.isin(self._eyes, situation.held)
 
     def at_limit(self, commands_rad: FloatArray) -> bool:
-        """Whether commands of all joints, shape (N,), radians, have an eye at its limit."""
+        """Whether an eye is at its position limit in the commands of all joints, shape (N,), radians."""
         eyes_rad = commands_rad[self._eyes]
         return bool((eyes_rad <= self._low_rad).any() or (eyes_rad >= self._high_rad).any())
 
     def _held_rad(self, situation: Situation) -> FloatArray:
-        # Angles of held eyes; 0 of the others.
+        # Angles of held eyes; 0 for the others.
         return np.where(self.held(situation), situation.joint_position_rad[self._eyes], 0.0)
 
 
 class Chain:
-    """Shares the gaze among the joints of a neck, from the slowest to the fastest: body, head, eyes.
+    """Cascade that distributes the gaze over the joints of a neck, slowest first: body, head, eyes.
 
-    Each joint gets what the slower ones will leave over when it answers. Without body and eyes nothing changes.
+    Each joint takes the residual of the slower joints, predicted for the end of its own delay. The identity for a neck
+    without body and eyes.
 
     Args:
         neck: The neck.
@@ -213,7 +214,7 @@ class Chain:
         self.eyes = None if neck.eyes is None else EyeAim(neck, knots_s)
         limits = neck.command_limits
         head_rad = float(limits.position_min_rad[0]), float(limits.position_max_rad[0])
-        # Of head and body together.
+        # Range of the sum of head and body.
         self._reach_rad = head_rad if self.body is None else self.body.reach_rad
         self._geometry = neck.geometry
 
@@ -222,20 +223,20 @@ class Chain:
         return np.empty(0) if self.eyes is None else self.eyes.forecast_times_s(start_s)
 
     def head_rad(self, situation: Situation, means_base_m: FloatArray) -> FloatArray:
-        """Pan and tilt that the head is to have in the base frame.
+        """Reference pan and tilt of the head in the base frame.
 
-        The pan is on the turn of the present command, if that is within reach. With eyes, the head takes its share
-        of the angle to the person. If the eyes cannot move, the head also takes their part.
+        The pan is unwrapped to the turn of the present command, if that is within reach. With eyes, the head takes its
+        share of the angle to the person; with held eyes, the whole angle.
 
         Args:
             situation: State of joints and commands.
-            means_base_m: Where the person is, shape (H, 3), metres.
+            means_base_m: Positions of the person, shape (H, 3), metres.
 
         Returns:
             Shape (H, 2), radians.
         """
         command_rad = situation.command.position_rad
-        # With a body, which is the last joint, of head and body together.
+        # With a body (the last joint): the sum of head and body.
         pan_rad = float(command_rad[0] if self.body is None else command_rad[0] + command_rad[-1])
         head_rad = unwrap_pan(look_at_rad(self._geometry, means_base_m), pan_rad, *self._reach_rad)
         if self.eyes is None:
@@ -245,11 +246,11 @@ class Chain:
         return self.eyes.head_without_rad(situation, means_base_m, head_rad)
 
     def eyes_held(self, situation: Situation) -> BoolArray:
-        """Of pan and tilt, whether there is an eye that is held, so that the head takes over, shape (2,)."""
+        """Whether the eye of pan and of tilt is held, so that the head takes its share, shape (2,)."""
         return np.zeros(2, dtype=np.bool_) if self.eyes is None else self.eyes.held(situation)
 
     def events(self, commands_rad: FloatArray) -> tuple[str, ...]:
-        """Events of a plan whose first commands are these, shape (N,), radians."""
+        """Events of a plan, from its first commands, shape (N,), radians."""
         return ("eyes_at_limit",) if self.eyes is not None and self.eyes.at_limit(commands_rad) else ()
 
     def with_eyes(
@@ -278,8 +279,8 @@ def head_time_s(neck: NeckSpec, given_s: float | None, usual_s: float) -> float:
 
     Args:
         neck: The neck.
-        given_s: Choice of the user, seconds; None for the default of the neck.
-        usual_s: Default for a head that ends facing the person, seconds.
+        given_s: Setting of the user, seconds; None for the default of the neck.
+        usual_s: Default for a head without a share for the eyes, seconds.
 
     Returns:
         Seconds.
@@ -291,10 +292,10 @@ def head_time_s(neck: NeckSpec, given_s: float | None, usual_s: float) -> float:
 
 
 def low_pass(keep: float, knots: int) -> tuple[FloatArray, FloatArray]:
-    """A first-order low-pass over the knots, as maps from its inputs, shape (K, K), and from its state, shape (K,).
+    """First-order low-pass over the knots: forced response, shape (K, K), and free response, shape (K,).
 
     Args:
-        keep: Share of the state that a step keeps.
+        keep: Discrete pole, 0 to 1.
         knots: K.
     """
     age = np.subtract.outer(np.arange(knots), np.arange(knots))
@@ -302,7 +303,7 @@ def low_pass(keep: float, knots: int) -> tuple[FloatArray, FloatArray]:
 
 
 def slopes(position: FloatArray, step_s: float) -> FloatArray:
-    """Slopes by central differences, as of numpy.gradient, which takes several times as long.
+    """Derivative by central differences, as numpy.gradient, which takes several times as long.
 
     Args:
         position: Rows at equal steps, shape (K, N), K at least 2.

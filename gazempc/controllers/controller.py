@@ -1,4 +1,4 @@
-"""The one interface that all controllers have, and the values that pass through it."""
+"""The interface of all controllers, with its input and output types."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from predictors import Forecast
 
 
 class ControllerError(RuntimeError):
-    """A controller has no plan this time, and the loop goes on with the last one; or a fault of a plan.
+    """No plan at this control tick: the loop continues with the previous one. Also a fault of a plan.
 
     Args:
-        text: What went wrong.
-        event: Name of the event in the log; default: that of the class.
+        text: Description of the fault.
+        event: Name of the event in the log; default: the class attribute.
     """
 
     event = "controller_failed"
@@ -31,7 +31,7 @@ class ControllerError(RuntimeError):
 
 
 class SolverFailed(ControllerError):  # noqa: N818  (named as its event)
-    """The problem has no solution, for example because a number in it is not finite."""
+    """The optimisation failed, for example on input that is not finite."""
 
     event = "solver_failed"
 
@@ -43,7 +43,7 @@ AxisMotion = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class CommandState:
-    """Motion of the command at one instant; arrays of shape (N,), one number a joint of the neck.
+    """Motion of the command at one instant; arrays of shape (N,), N joints.
 
     Attributes:
         position_rad: Commanded angles, radians.
@@ -61,17 +61,17 @@ class Situation:
     """The input of a controller for one plan.
 
     Attributes:
-        settled: Rolls the joints over their dead times.
+        settled: Predicts the joint state at the end of the dead times.
         start_s: Time at which the first command of the plan will be sent, seconds.
         forecast: Forecast for the times that the controller asked for.
         command: The last command before the plan starts, sent one servo period before `start_s`.
-        joint_position_rad: Joint angles now, as the observer estimates them, shape (N,), radians.
+        joint_position_rad: Joint angles now, estimated by the observer, shape (N,), radians.
         joint_velocity_rad_s: Joint velocities now, shape (N,), rad/s.
-        joint_offset_rad: How far from a command that stands still the joints settle, shape (N,), radians.
+        joint_offset_rad: Steady-state error of the joints, shape (N,), radians.
         sent_rad: Commands sent before now, one a servo period, oldest first, shape (M, N), radians.
         committed_rad: Commands that will be sent from now until the plan starts, shape (n, N), radians.
-        held: Joints that do not follow their commands, by their place in `NeckSpec.joint_names`. Their angle now
-            is what was measured. Only necks with more than two joints name any.
+        held: Indices in `NeckSpec.joint_names` of joints that do not follow their commands; their angles are
+            measurements. Empty for necks of two joints.
     """
 
     settled: SettledJoints
@@ -88,14 +88,14 @@ class Situation:
     @cached_property
     def _settled(self) -> FloatArray:
         # The model has no offset.
-        known = self.joint_position_rad - self.joint_offset_rad, self.joint_velocity_rad_s
-        return self.settled(*known, self.sent_rad, self.committed_rad)
+        initial = self.joint_position_rad - self.joint_offset_rad, self.joint_velocity_rad_s
+        return self.settled(*initial, self.sent_rad, self.committed_rad)
 
     @property
     def settled_position_rad(self) -> FloatArray:
-        """Joint angles one dead time after the last command that is sent or committed, shape (N,), radians.
+        """Joint angles one dead time after the last command sent or committed, shape (N,), radians.
 
-        Until then no plan changes the motion.
+        The motion until then is independent of the plan.
         """
         return np.asarray(self._settled[0] + self.joint_offset_rad)
 
@@ -115,7 +115,7 @@ class JointPlan(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """The commands to send over time: knots at equal steps, constant jerk between them.
+    """A plan: command trajectory with knots at equal steps and constant jerk between them.
 
     Attributes:
         start_s: Time of the first knot, seconds.
@@ -123,8 +123,8 @@ class Plan:
         position_rad: Commanded angles at the knots, shape (K, N), radians.
         velocity_rad_s: Shape (K, N), rad/s.
         acceleration_rad_s2: Shape (K, N), rad/s^2.
-        events: Unusual events of its making, for the log.
-        faults: The same, with a text for the log that is more than the event's meaning.
+        events: Unusual events of the computation, for the log.
+        faults: Events that come with a text for the log.
 
     Raises:
         ValueError: If shapes or times are not as stated here.
@@ -170,7 +170,7 @@ class Plan:
 
     @cached_property
     def _finite(self) -> bool:
-        # Asked at every tick, and a plan never changes.
+        # Cached: read at every tick, and a plan is immutable.
         parts = (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2)
         return all(bool(np.isfinite(part).all()) for part in parts)
 
@@ -178,8 +178,7 @@ class Plan:
         """The command at a time.
 
         Args:
-            time_s: Time, seconds; before the start it is the first knot, past the last knot the motion goes on
-                at constant velocity.
+            time_s: Time, seconds; the first knot before the start, extrapolation at constant velocity past the end.
 
         Returns:
             The command's motion.
@@ -188,7 +187,7 @@ class Plan:
         return CommandState(np.array(position_rad), np.array(velocity_rad_s), np.array(acceleration_rad_s2))
 
     def motions_at(self, time_s: float) -> tuple[AxisMotion, ...]:
-        """The same in plain numbers, which are quicker at every tick.
+        """`at` as tuples of floats, which are faster than arrays at every tick.
 
         Args:
             time_s: See `at`.
@@ -197,11 +196,11 @@ class Plan:
             The motions of the N joints.
         """
         last = len(self.position_rad) - 1
-        # A nanosecond early is on the knot; floor would put it in the interval before.
+        # Tolerance of a nanosecond: rounding must not select the interval before the knot.
         since_s = max(time_s - self.start_s, 0.0)
         step_s = self.step_s
         k = min(int(since_s / step_s + 1e-6), last)
-        tau = since_s - k * step_s if k else since_s  # a single knot may last for ever
+        tau = since_s - k * step_s if k else since_s  # a single knot has no end
         rows = zip(self.position_rad[k].tolist(), self.velocity_rad_s[k].tolist(), strict=True)
         if k == last:
             return tuple([(p + tau * v, v, 0.0) for p, v in rows])
@@ -219,10 +218,10 @@ def _moved_on(tau: float, p: float, v: float, a: float, jerk: float) -> AxisMoti
 
 
 class Controller(Protocol):
-    """Plans commands. Its state is what one plan hands to the next."""
+    """Computes plans of commands; may hold state from one plan to the next."""
 
     def reset(self) -> None:
-        """Forget all earlier plans."""
+        """Discard all state."""
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
         """Times for which the controller needs the forecast.
@@ -236,7 +235,7 @@ class Controller(Protocol):
         """
 
     def plan(self, situation: Situation) -> Plan:
-        """Plan the commands from now on.
+        """Compute a plan.
 
         Args:
             situation: Joints, commands, and the forecast for `forecast_times_s`.
@@ -245,5 +244,5 @@ class Controller(Protocol):
             The plan.
 
         Raises:
-            ControllerError: If there is none.
+            ControllerError: If the computation fails.
         """

@@ -1,4 +1,4 @@
-"""One line of prediction: command the angle forecast for when the command will show."""
+"""Feedforward with preview: command the angle that is forecast for the end of the joint's delay."""
 
 from __future__ import annotations
 
@@ -12,35 +12,34 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.settings import LookAheadSettings
 from gazempc.types import FloatArray
 
-# The plan reaches this far so that there is something to follow while the next one is late.
+# Length of a plan, seconds: more than a control period, to bridge a late successor.
 _PLAN_S = 0.4
-# A command farther behind the demanded angle than this is in acquisition, and is not smoothed. It is twice the eye
-# contact of 2.6 deg: nearer, the rest is noise of the forecast.
-_ON_ITS_WAY_RAD = math.radians(5.0)
-# The head stays so near the demanded angle that the eyes need no more than this share of their range.
+# Acquisition: no smoothing while the command is farther from the demanded angle. Twice the tolerance of eye contact
+# (2.6 deg), below which the difference is forecast noise.
+_ACQUISITION_RAD = math.radians(5.0)
+# Bound on the eye angle, as a share of the eyes' range.
 _EYES_SHARE = 0.4
-# The low-pass of a head with eyes, which make up for it.
+# Time constant of a head with eyes, which compensate its lag.
 _HEAD_TIME_S = 0.6
 _DEFAULTS = LookAheadSettings()
 
 
 class LookAhead:
-    """Commands the low-passed look-at angles of the forecast for the time at which the command will show.
+    """Commands the low-passed look-at angles of the forecast for the end of the joint's delay.
 
-    The low-pass makes up for its own delay: the forecast is asked for as much later. A person who turns the gaze
-    steadily is followed without lag, at any time constant. An axis whose command is far behind the demanded
-    angle goes there without the low-pass, which would make a limited command overshoot. Once it is near, the low-pass
-    starts again from the present command.
+    The preview includes the delay of the low-pass, so a reference of constant rate is tracked without lag at any time
+    constant. In acquisition (command far from the demanded angle) an axis bypasses the low-pass, which would cause
+    overshoot of a rate-limited command. After acquisition, the low-pass restarts from the present command.
 
-    With eyes this is a cascade. The head is smoothed more, as the eyes look where it does not point yet. The eyes are
-    sent what the head will leave over (`gazempc.controllers.chain`).
+    With eyes this is a cascade: the head is smoothed more, and the eyes take the residual angle
+    (`gazempc.controllers.chain`).
 
     Args:
         neck: The neck; its dead time, servo lag (2 zeta / wn) and servo period are the preview on each axis.
-        smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: smoother, and slower to
-            follow what was not forecast. 0 for none.
-        head_smoothing_time_s: The same for the head of a neck with eyes. None: 0.6, or 0.1 for a head that leaves a
-            share to the eyes, which people turn as quickly as they can.
+        smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: larger is smoother and slower
+            after unforeseen motion. 0 for none.
+        head_smoothing_time_s: The same for the head of a neck with eyes. None: 0.6, or 0.1 if the eyes have a share of
+            the angle, as people turn such a head at top speed.
 
     Attributes:
         neck: The neck.
@@ -59,12 +58,12 @@ class LookAhead:
         if neck.eyes is not None:
             time_constant_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
         self._keep = math.exp(-neck.control_period_s / time_constant_s) if time_constant_s > 0 else 0.0
-        # A command is held for a servo period, so on average it is half of that late.
+        # The zero-order hold adds a mean delay of half a servo period.
         ahead_s = (neck.dead_time_s + neck.servo_lag_s)[:2] + 0.5 * neck.servo_period_s
-        # By so much the low-pass, a step a control period, trails a steady motion: a little less than its constant.
-        trails_s = neck.control_period_s * self._keep / (1.0 - self._keep)
-        # Of each axis what is demanded, and what the low-pass is given.
-        self._ahead_s = np.concatenate([ahead_s, ahead_s + trails_s])
+        # Ramp-tracking lag of the discrete low-pass: slightly less than its time constant.
+        lag_s = neck.control_period_s * self._keep / (1.0 - self._keep)
+        # Preview of each axis: of the demanded angle, and of the input of the low-pass.
+        self._ahead_s = np.concatenate([ahead_s, ahead_s + lag_s])
         self._weights, self._kept = low_pass(self._keep, self._knots_s.size)
         self._chain = Chain(neck, self._knots_s)
         self._eyes_reach_rad: FloatArray | None = None
@@ -74,11 +73,11 @@ class LookAhead:
         self.reset()
 
     def reset(self) -> None:
-        """Forget where the low-pass stands, which is NaN where it has not begun."""
+        """Reset the state of the low-pass to NaN: not started."""
         self._smoothed_rad: FloatArray = np.full(2, np.nan)
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
-        """The knots' times, ahead by the delays of pan and of tilt; then later by the low-pass's delay; shape (4 K,).
+        """Knot times plus the delays of pan and of tilt; then the same plus the low-pass's lag; shape (4 K,).
 
         The eyes' times follow, see `Chain.eye_times_s`.
         """
@@ -98,7 +97,7 @@ class LookAhead:
         angles = np.clip(angles, limits.position_min_rad[:2], limits.position_max_rad[:2])
         demanded, later = (np.stack([each[0, :, 0], each[1, :, 1]], axis=-1) for each in angles)
         head = self._low_pass(demanded, later, situation.command.position_rad[:2])
-        if situation.held:  # without an eye the low-pass is not compensated
+        if situation.held:  # a held eye does not compensate the low-pass
             head = np.where(self._chain.eyes_held(situation), demanded, head)
         position = self._chain.with_eyes(situation, means_base_m[count:], head, body)
         velocity = slopes(position, self.neck.control_period_s)
@@ -108,13 +107,13 @@ class LookAhead:
     def _low_pass(self, demanded_rad: FloatArray, later_rad: FloatArray, command_rad: FloatArray) -> FloatArray:
         if self._keep == 0.0:
             return demanded_rad
-        # It starts where the command stands, and goes on from the first knot of the last plan.
+        # Initial state: the command; later: the first knot of the last plan.
         now = np.where(np.isnan(self._smoothed_rad), command_rad, self._smoothed_rad)
         smoothed = self._weights @ later_rad + np.outer(self._kept, now)
         if self._eyes_reach_rad is not None:
             near = np.clip(smoothed, demanded_rad - self._eyes_reach_rad, demanded_rad + self._eyes_reach_rad)
             self._smoothed_rad = near[0]
             return near
-        on_its_way = np.abs(demanded_rad[0] - command_rad) > _ON_ITS_WAY_RAD
-        self._smoothed_rad = np.where(on_its_way, np.nan, smoothed[0])
-        return np.where(on_its_way, demanded_rad, smoothed)
+        acquires = np.abs(demanded_rad[0] - command_rad) > _ACQUISITION_RAD
+        self._smoothed_rad = np.where(acquires, np.nan, smoothed[0])
+        return np.where(acquires, demanded_rad, smoothed)

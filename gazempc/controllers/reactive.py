@@ -1,4 +1,4 @@
-"""Look at where the head is now (so the robot looks at where it was): the baseline."""
+"""The baseline without prediction: track the present head position, with the lag of dead time and servo."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# Long enough to bridge a late frame, short enough that the watchdog stops a gaze that gets no news.
+# Bridges a late frame, and ends early enough for the watchdog to stop a gaze without observations.
 _HOLD_S = 1.0
 
 
 class Reactive:
     """Commands the look-at angles of the latest filtered head position and holds them until the next.
 
-    A body turns to the person, and head and eyes cancel what is measured of the slower joints.
+    A body turns to the person; head and eyes compensate the measured angles of the slower joints.
 
     Args:
         neck: The neck.
@@ -31,7 +31,7 @@ class Reactive:
         self._chain = Chain(neck, np.zeros(1))
 
     def reset(self) -> None:
-        """See `gazempc.controllers.controller.Controller.reset`; the law has no state."""
+        """See `gazempc.controllers.controller.Controller.reset`; the control law is static."""
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
         """See `gazempc.controllers.controller.Controller.forecast_times_s`."""

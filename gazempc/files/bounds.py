@@ -30,7 +30,7 @@ def is_there(path: Path) -> bool:
 
 
 def check_file(path: Path, most_bytes: int | None = None) -> int:
-    """Refuse what is no regular file, or too large, before anything is read: a pipe would never end.
+    """Check type and size of a file before reading: a pipe would never end.
 
     Args:
         path: The file.

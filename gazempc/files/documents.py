@@ -15,7 +15,7 @@ import yaml
 from gazempc.errors import SettingsError, shown
 from gazempc.files.bounds import MOST_SETTINGS_BYTES, read_limited
 
-# Deeper than any settings, and far from where the parsers run out of stack.
+# Nesting limit: deeper than any settings, and far below the stack limit of the parsers.
 _DEEPEST = 30
 # Strings and comments are passed over: a key of dots inside them is text.
 _TOML_KEY = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""

@@ -87,7 +87,7 @@ def begin_folder(out: Path) -> Iterator[None]:
 
     Raises:
         GazempcError: If another run, of this process or another one, writes there now.
-        OSError: If it cannot be made, or an old file cannot be removed.
+        OSError: If it cannot be constructed, or an old file cannot be removed.
     """
     with naming(out):
         out.mkdir(parents=True, exist_ok=True)

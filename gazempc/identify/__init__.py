@@ -1,1 +1,1 @@
-"""Measuring a neck: excitation, record, fit of dead time and servo. May import gazempc.live."""
+"""System identification of a neck: excitation, record, fit of dead time and servo. May import gazempc.live."""

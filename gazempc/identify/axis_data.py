@@ -1,4 +1,4 @@
-"""Data of one axis, checked and brought to one clock; refused where they do not determine dead time and servo."""
+"""Validated data of one axis on one clock; refused if dead time and servo are not identifiable."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SHORTEST_S = 3.0
 _LEAST_COMMAND_DEG = 2.0
 _LEAST_FOLLOWED = 0.2
 _MOST_MISREAD = 0.05
-# A reading this far from its neighbours, beyond what the joint can move between them, was misread.
+# Outlier threshold: distance from both neighbours in addition to the joint's reach between them.
 _MISREAD_RAD = math.radians(5.0)
 
 
@@ -25,11 +25,11 @@ class AxisData:
     """One joint of a record, with finite values at increasing times.
 
     Attributes:
-        command_time_s: When commands were sent, shape (K,), seconds.
+        command_time_s: Send times of the commands, shape (K,), seconds.
         command_rad: Shape (K,), radians.
-        time_s: When the joint was measured, shape (N,), seconds.
+        time_s: Measurement times, shape (N,), seconds.
         measured_rad: Shape (N,), radians.
-        misread: How many readings were left out because no joint can move so.
+        misread: Number of removed outliers.
     """
 
     command_time_s: FloatArray
@@ -44,13 +44,13 @@ def prepare_axis(record: NeckRecord, index: int) -> AxisData:
 
     Args:
         record: Commands and angles.
-        index: Which joint, in the order of `NeckSpec.joint_names`.
+        index: Index of the joint in `NeckSpec.joint_names`.
 
     Returns:
-        Usable data of the axis.
+        Valid data of the axis.
 
     Raises:
-        IdentificationError: If that is not enough.
+        IdentificationError: If the data are insufficient.
     """
     neck = record.neck()
     name, axis = neck.joint_names[index], neck.axes[index]
@@ -90,7 +90,7 @@ def prepare_axis(record: NeckRecord, index: int) -> AxisData:
 
 
 def _advancing(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rows that are finite and newer than all before them; a robot may report one reading many times."""
+    """Finite rows at strictly increasing times; a robot may repeat a reading."""
     finite = np.isfinite(time_s) & np.isfinite(value)
     time_s, value = time_s[finite], value[finite]
     newest = np.maximum.accumulate(time_s) if time_s.size else time_s

@@ -1,4 +1,4 @@
-"""Dead time and servo of one axis, with confidence intervals; refuses data that do not determine them."""
+"""Estimation of dead time and servo of one axis, with confidence intervals; refuses insufficient data."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from gazempc.identify.record import IdentificationError, NeckRecord
 from gazempc.identify.servo_fit import Z_95, Fit, ServoModel, fit
 from gazempc.types import FloatArray
 
-# Below these the result is doubted after the fit.
+# Least fit, and widest confidence intervals, of a reliable result.
 _LEAST_FIT_PERCENT = 80.0
 _WIDEST_MS, _WIDEST_PERCENT = 20.0, 25.0  # of dead time and bandwidth
-# An encoder of 4096 steps has no more structure than this in its rounding.
+# Structure of the residual due to quantisation by an encoder of 4096 steps.
 _NOTED_DEG = 0.1
-# The arithmetic of the model is that good; a narrower interval would claim more than the neck's model can hold.
+# Numerical precision of the model: lower bound of the width of intervals.
 _NARROWEST_S = 1e-4
 _NARROWEST_SHARE = 1e-3
 
-# Fitted dead times may be negative, so that one of zero has an unbiased estimate.
+# Negative dead times are allowed in the fit, for an unbiased estimate of zero.
 _EARLIEST_S = -0.1
 _SCAN_STEP_S = 0.02
 _SCAN_FREQUENCIES_RAD_S = (4.0, 8.0, 15.0, 30.0, 60.0)
@@ -55,8 +55,8 @@ class Interval:
         return Interval(value, value - half_width, value + half_width)
 
     def shown(self, factor: float, digits: int) -> str:
-        """Estimate and half width in a unit of which there are `factor` in one, such as ``400.0 ± 0.1``."""
-        # An interval rounded to nothing would claim certainty.
+        """Estimate and half width, multiplied by `factor` for the unit, such as ``400.0 ± 0.1``."""
+        # At least one unit of the last digit: a rounded half width of 0 would mean certainty.
         half = max(factor * self.half_width, 10.0**-digits)
         return f"{factor * self.value:.{digits}f} ± {half:.{digits}f}"
 
@@ -70,17 +70,17 @@ class AxisEstimate:
         dead_time_s: From sending a command to its first effect, seconds; includes any delay of the angles' time stamps.
         natural_frequency_rad_s: wn of the servo.
         damping_ratio: zeta of the servo.
-        bandwidth_hz: Frequency at which the servo's answer is down to -3 dB.
+        bandwidth_hz: -3 dB bandwidth of the servo.
         servo_lag_s: 2 zeta / wn, seconds.
-        offset_rad: How far from a command that stands still the joint settles, radians.
+        offset_rad: Steady-state error, radians.
         fit_percent: 100 (1 - |measured - model| / |measured - mean|).
-        residual_rms_deg: Of measured - model.
-        structured_rms_deg: The part of it that hangs together in time, as white noise of an encoder does not.
-        misread: Readings left out because no joint can move so.
-        time_s: When the angles were measured, shape (N,), seconds.
+        residual_rms_deg: RMS of measured - model.
+        structured_rms_deg: Its part with correlation in time, without white encoder noise.
+        misread: Number of removed outliers.
+        time_s: Measurement times, shape (N,), seconds.
         measured_rad: The angles, shape (N,), radians.
         model_rad: The fitted model, shape (N,), radians.
-        doubts: Why the result should not be used, each with figures and advice; empty if it may be.
+        doubts: Reasons not to use the result, each with figures and advice; empty for a reliable result.
     """
 
     axis: str
@@ -101,7 +101,7 @@ class AxisEstimate:
 
     @property
     def note(self) -> str:
-        """Warning for the use of the result; empty without one."""
+        """Warning about the result; empty if there is none."""
         if self.structured_rms_deg < _NOTED_DEG:
             return ""
         return (
@@ -113,7 +113,7 @@ class AxisEstimate:
 
 
 def bandwidth_hz(natural_frequency_rad_s: float, damping_ratio: float) -> float:
-    """Frequency at which a second-order servo's answer is down to 1/sqrt(2), Hz."""
+    """-3 dB bandwidth of a second-order servo, Hz."""
     a = 1.0 - 2.0 * damping_ratio**2
     return natural_frequency_rad_s * math.sqrt(a + math.sqrt(a * a + 1.0)) / (2.0 * math.pi)
 
@@ -121,25 +121,25 @@ def bandwidth_hz(natural_frequency_rad_s: float, damping_ratio: float) -> float:
 def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) -> AxisEstimate:
     """Fit dead time, natural frequency and damping of one axis to a record.
 
-    The output error is made as small as possible: the fitted model runs on the commands alone. Offset and initial state
-    are solved for exactly at each step, the three others by `scipy.optimize.least_squares` from the best places of
-    a scan over dead times and speeds.
+    Output-error method: least squares of the simulated response to the commands. Offset and initial state are
+    eliminated by linear least squares at each step (variable projection); the three others are found by
+    `scipy.optimize.least_squares`, started from a scan over dead times and bandwidths.
 
     Args:
         record: Commands and angles.
-        index: Which joint, in the order of `NeckSpec.joint_names`.
-        dead_time_max_s: Largest dead time that is looked for, seconds.
+        index: Index of the joint in `NeckSpec.joint_names`.
+        dead_time_max_s: Upper bound of the dead time, seconds.
 
     Returns:
-        The estimate; look at its doubts.
+        The estimate, with `doubts` about its reliability.
 
     Raises:
-        IdentificationError: If the data cannot be fitted at all.
+        IdentificationError: If the data are insufficient.
     """
     name = record.neck().joint_names[index]
     data = prepare_axis(record, index)
     starts = _scan(data, dead_time_max_s)
-    # Commands before the record are unknown and act until a dead time after its first command.
+    # Unknown commands before the record act until one dead time after its first command.
     known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
     if np.count_nonzero(known) < FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
         raise IdentificationError(f"{name}: too few readings after the first command can have acted: record longer")
@@ -150,7 +150,7 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
         wn, zeta = math.exp(values[1]), math.exp(values[2])
         answer = model.delayed(model.motion(wn, zeta), float(values[0]))
         columns = np.column_stack([np.ones(time_s.size), model.free(wn, zeta)])
-        # A fast servo forgets its initial state within few readings: those columns may be all but zero.
+        # The free response of a fast servo decays within a few readings: its columns may be nearly zero.
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-9)
         weights = np.linalg.lstsq(columns / size, measured - answer, rcond=1e-6)[0] / size
         return answer + columns @ weights, float(weights[0])
@@ -158,7 +158,7 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
     low, high = (_EARLIEST_S, *_LOWEST), (dead_time_max_s, *_HIGHEST)
     best = fit(lambda values: np.rad2deg(measured - fitted_to(values)[0]), starts, low, high)
     fitted, offset_rad = fitted_to(best.values)
-    # Second differences of white noise have six times its variance, and leave nothing of what changes slowly.
+    # Second differences have six times the variance of white noise, and suppress slow changes.
     noise_deg2 = float(np.mean(np.diff(best.residual, 2) ** 2)) / 6.0
     spread = float(np.linalg.norm(measured - measured.mean()))
     fit_percent = 100.0 * (1.0 - float(np.linalg.norm(measured - fitted)) / spread)
@@ -184,10 +184,10 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
 
 
 def _scan(data: AxisData, dead_time_max_s: float) -> list[tuple[float, float, float]]:
-    """The most promising places to start from, best first.
+    """Initial values of the fit, best first.
 
-    Correlates the measured motion with the answers of servos of several speeds at all lags; only a place from which no
-    neighbouring dead time is better is one to start from.
+    Cross-correlation of the measured motion with the responses of servos of several bandwidths, at all lags; only local
+    maxima over the dead time are used.
     """
     lags_s = np.arange(0.0, dead_time_max_s, _SCAN_STEP_S)
     thinned = slice(None, None, max(1, data.time_s.size // _SCAN_READINGS))
@@ -205,7 +205,7 @@ def _scan(data: AxisData, dead_time_max_s: float) -> list[tuple[float, float, fl
             found.append((float(errors[i]), (float(lags_s[i]), math.log(wn), math.log(_SCAN_DAMPING))))
     starts: list[tuple[float, float, float]] = []
     for error, start in sorted(found):
-        # A faster servo with a longer dead time is nearly the same: from one of them the fit reaches the other.
+        # A faster servo with a longer dead time is nearly equivalent: the fit converges from one to the other.
         distinct = all(abs(start[0] - other[0]) > _SAME_PLACE_S for other in starts)
         if distinct and error <= _HOPEFUL * min(found)[0] and len(starts) < _STARTS:
             starts.append(start)
@@ -213,7 +213,7 @@ def _scan(data: AxisData, dead_time_max_s: float) -> list[tuple[float, float, fl
 
 
 def _intervals(best: Fit) -> tuple[Interval, ...]:
-    """Dead time, natural frequency, damping, bandwidth and lag; all but the first by their logarithms."""
+    """Intervals of dead time, natural frequency, damping, bandwidth and lag; on a log scale except for the first."""
     dead_time_s, log_wn, log_zeta = map(float, best.values)
     half_s = max(Z_95 * math.sqrt(best.covariance[0, 0]), _NARROWEST_S)
     wn, zeta = math.exp(log_wn), math.exp(log_zeta)
@@ -228,7 +228,7 @@ def _intervals(best: Fit) -> tuple[Interval, ...]:
     found = [Interval.around(dead_time_s, half_s)]
     for value, gradient in combinations:
         variance = float(np.array(gradient) @ best.covariance[1:, 1:] @ np.array(gradient))
-        # A width beyond e^50 is no more than "anything"; the exponential must not overflow.
+        # Bounded, to avoid overflow of the exponential.
         half = min(max(Z_95 * math.sqrt(max(variance, 0.0)), _NARROWEST_SHARE), 50.0)
         found.append(Interval(value, value * math.exp(-half), value * math.exp(half)))
     return tuple(found)

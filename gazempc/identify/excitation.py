@@ -1,4 +1,4 @@
-"""Motions that separate dead time and servo: steps of several sizes, then a band-limited multisine."""
+"""Excitation for the identification of dead time and servo: steps of several sizes, then a band-limited multisine."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from gazempc.types import FloatArray
 
 ExcitedAxes = tuple[Literal["all", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"], ...]
 
-# Share of the command limits that is used: the file of a neck not yet measured may be optimistic.
+# Share of the command limits in use: limits of an unidentified neck may be optimistic.
 _MARGIN = 0.9
-# Nothing is known of the neck's answer yet, so it goes to where the motion starts at this share of its speed.
+# Share of the speed limit during the approach to the start of the motion, as the response is unknown.
 _APPROACH_SPEED = 0.3
 _REST_BEFORE_S = 1.0
-# Longer than any dead time that is likely, so that the answer to the last motion is recorded too.
+# Longer than any plausible dead time, to record the response to the last motion.
 _REST_AFTER_S = 1.5
 _STEPS_SHARE = 0.45
 _LONGEST_STEP_S = 1.0
 _HOLD_S = (0.25, 0.8)
-# Where the steps go, in amplitudes: all sizes, both directions.
+# Targets of the steps, in amplitudes: all sizes, both directions.
 _TARGETS = (1.0, 0.0, -0.5, 0.5, -1.0, -0.75, 0.25, 0.0)
 _LOWEST_HZ, _HIGHEST_HZ = 0.2, 3.0
 _TAPER_S = 1.0
 
 
 class ExcitationSettings(BaseModel):
-    """How the neck is moved."""
+    """Parameters of the excitation."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -52,7 +52,7 @@ class Excitation:
 
     Attributes:
         period_s: Time between two commands, seconds.
-        position_rad: One for each joint, shape (K, N), radians.
+        position_rad: Angles of all joints, shape (K, N), radians.
     """
 
     period_s: float
@@ -60,7 +60,7 @@ class Excitation:
 
     @property
     def duration_s(self) -> float:
-        """From the first to the last command, seconds."""
+        """Time from the first to the last command, seconds."""
         return (len(self.position_rad) - 1) * self.period_s
 
 
@@ -68,11 +68,11 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
     """Plan the motion.
 
     Velocity, acceleration and jerk stay within 0.9 of `NeckSpec.command_limits`, and so does the position once it is
-    inside them; amplitudes are smaller than asked where limits are tight.
+    inside them; amplitudes are reduced if limits are tight.
 
     Args:
-        neck: Its limits and servo rate.
-        start_rad: Where the command starts at rest, shape (N,), radians.
+        neck: The neck with limits and servo rate.
+        start_rad: Initial command, at rest, shape (N,), radians.
         settings: Joints, duration, amplitude and seed.
 
     Returns:
@@ -88,13 +88,13 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
         if name not in moving:
             part = np.zeros_like(part)
         else:
-            # As near to rest as the room for the motion allows.
+            # Centre of the motion: as near to the rest angle as the amplitude allows.
             room = _amplitude_rad(neck, axis, settings) * np.array([1.0, -1.0])
             ends = np.array([limits.position_min_rad[axis], limits.position_max_rad[axis]]) + room
             centre = float(np.clip(neck.rest_rad[axis], *ends))
         approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
         columns.append((approach, centre + part))
-    # All wait for the one that takes longer to get to its middle.
+    # Joints wait for the longest approach.
     waits = max(len(approach) for approach, _ in columns)
     position = [np.concatenate([approach, np.full(waits - len(approach), part[0]), part]) for approach, part in columns]
     return Excitation(neck.servo_period_s, np.stack(position, axis=1))
@@ -121,14 +121,14 @@ def moving_joints(neck: NeckSpec, axes: ExcitedAxes) -> tuple[str, ...]:
 
 
 def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
-    """Come to rest from a motion within the limits of velocity, acceleration and jerk.
+    """Stop a motion within the limits of velocity, acceleration and jerk.
 
     Args:
-        neck: Its limits and servo rate.
+        neck: The neck with limits and servo rate.
         last_rad: The last three commands, one a servo period, shape (3, N), radians.
 
     Returns:
-        The commands to send next, shape (K, N), radians.
+        The following commands, shape (K, N), radians.
     """
     period_s = neck.servo_period_s
     velocity_rad_s = np.diff(last_rad, axis=0)[-1] / period_s
@@ -154,7 +154,7 @@ def _motion(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> FloatArr
 
 def _steps(neck: NeckSpec, axis: int, settings: ExcitationSettings, rng: np.random.Generator) -> FloatArray:
     amplitude = _amplitude_rad(neck, axis, settings)
-    # The longest way is 1.5 amplitudes; a step that took longer would be a slow ramp, with little information.
+    # The largest step is 1.5 amplitudes; a longer one would be a slow ramp, with little information.
     while len(_move(neck, axis, 0.0, 1.5 * amplitude, 1.0)) > _LONGEST_STEP_S * neck.servo_rate_hz + 1:
         amplitude *= 0.8
     ends = round(_STEPS_SHARE * settings.duration_s * neck.servo_rate_hz)
@@ -178,11 +178,11 @@ def _multisine(
     time_s = np.arange(samples) * period_s
     frequency_hz = np.geomspace(_LOWEST_HZ, min(_HIGHEST_HZ, neck.servo_rate_hz / 8), 18)
     phase_rad = rng.uniform(0, 2 * np.pi, frequency_hz.size)
-    # Amplitudes that fall as 1/frequency share the velocity evenly.
+    # Amplitudes proportional to 1/frequency: a flat velocity spectrum.
     waves = np.sin(2 * np.pi * frequency_hz[:, None] * time_s + phase_rad[:, None]) / frequency_hz[:, None]
     taper_s = min(_TAPER_S, time_s[-1] / 3)
     ramp = np.clip(np.minimum(time_s, time_s[-1] - time_s) / taper_s, 0.0, 1.0)
-    # Three derivatives vanish at both ends of the ramp, so that it adds no jump of the jerk.
+    # Three derivatives vanish at both ends of the ramp: continuous jerk.
     shape = waves.sum(axis=0) * ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
     # At rest before and after: the differences across the ends count too.
     padded = np.pad(shape, 3)

@@ -1,7 +1,7 @@
 """Identify a camera that turns at speeds by its own picture: `gazempc identify --robot visca:HOST --source camera:URL`.
 
-Each speed of the device turns the camera for a while, to one side and back. The picture gives the rotation, and the
-device's own position answers, where it has them, the lens angle and how the delay divides into dead time and latency.
+Each speed of the device turns the camera for a while, to one side and back. The picture gives the rotation. Position
+feedback of the device, if available, gives the lens angle and separates dead time from latency.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from gazempc.robots.robot import Robot
 from gazempc.robots.visca_packets import SPEEDS
 from gazempc.types import FloatArray
 
-# A pulse turns about this share of the picture, and lasts at least and at most so long: 10 ms of uncertain sending are
+# Rotation of a pulse as a share of the picture, with bounds of its duration: the uncertainty of send times, 10 ms, is
 # 3 % of the shortest one.
 _SHARE_OF_VIEW = 0.4
 _PULSE_S = (0.3, 1.5)
@@ -44,7 +44,7 @@ _BEFORE_S = 0.3
 # Steps of a device without a table: shares of its full speed.
 _SHARES = 10
 _TICK_S = 0.02
-# Pictures are compared at this width: finer ones are no more exact, and take longer.
+# Width of compared pictures: higher resolution takes longer and is not more accurate.
 _WIDTH_PX = 480
 _KEY_SHARE = 0.25
 
@@ -84,7 +84,7 @@ class _Bench:
     _answers: list[tuple[float, FloatArray]] = field(default_factory=list)
 
     def hold(self, speeds_rad_s: FloatArray, until_s: float) -> float:
-        """Command speeds until a time; gives when the device was sent them."""
+        """Command speeds until a time; returns the send time."""
         sent_s = math.nan
         while True:
             now_s = self.clock.now_s()
@@ -102,7 +102,7 @@ class _Bench:
     def pulse(
         self, axis: int, step: int, speed_rad_s: float, lasts_s: float, after_s: float
     ) -> tuple[Pulse, Pulse, list[Any]]:
-        """One speed for a while: stamps without angles by the picture, angles by the answers, and the grey pictures."""
+        """Execute a pulse: stamps of the pictures (angles pending), angles of the device, and the grey pictures."""
         still, moving = np.zeros(2), np.zeros(2)
         moving[axis] = speed_rad_s
         self.eye.taken.clear()
@@ -126,7 +126,7 @@ def _angles(turning: Turning, pulse: Pulse, greys: Sequence[Any], most_rad: floa
 
 
 def _fov_rad(found: Sequence[tuple[Pulse, Pulse, list[Any]]], guess_rad: float) -> float | None:
-    """The lens angle at which pictures and position answers turn equally far; None without answers."""
+    """Lens angle from the ratio of rotations by pictures and by position feedback; None without feedback."""
     height, width = found[0][2][0].shape
     focal_px = 0.5 * width / math.tan(0.5 * guess_rad)
     for _ in range(3):
@@ -137,13 +137,13 @@ def _fov_rad(found: Sequence[tuple[Pulse, Pulse, list[Any]]], guess_rad: float) 
                 ratios.append(abs(turned_rad / (reported.angle_rad[-1] - reported.angle_rad[0])))
         if not ratios:
             return None
-        # To first order an angle is a number of pixels over the focal length.
+        # To first order, angle = pixels / focal length.
         focal_px *= float(np.nanmedian(ratios))
     return 2.0 * math.atan(0.5 * width / focal_px)
 
 
 def _commanded(robot: str, neck: NeckSpec) -> NeckSpec:
-    """The neck with equal steps up to full speed, as many as the device has: so each is one step of the device."""
+    """The neck with equidistant speeds up to full speed, one for each step of the device."""
     counts = SPEEDS if split_address(robot)[0] == "visca" else (_SHARES, _SHARES)
     axes = {}
     for name, axis, usual in zip(AXES, neck.axes, counts, strict=True):
@@ -168,14 +168,14 @@ def identify_from_picture(
         robot: The robot, such as ``visca:HOST``.
         options: Its options.
         source: ``camera:`` and the address of its picture.
-        camera: Options of the picture; `fov_deg` is used where the device has no position answers.
+        camera: Options of the picture; `fov_deg` is used without position feedback.
         neck: Its neck file, with ranges and top speeds.
         out: The file to write.
-        delay_max_s: Largest delay that is looked for, seconds.
-        progress: Shows what is done.
+        delay_max_s: Upper bound of the delay, seconds.
+        progress: Progress display.
 
     Raises:
-        GazempcError: If the camera cannot be turned or seen, or its pictures do not determine the result.
+        GazempcError: If robot or camera fails, or the pictures are insufficient.
     """
     kind, _, address = source.partition(":")
     if kind != "camera":
@@ -218,7 +218,7 @@ def _measured(
 ) -> tuple[tuple[float, float], list[TurnedAxis]]:
     guess_rad = math.radians(camera.fov_deg or LIKELY_FOV_DEG)
     after_s = delay_max_s + 0.5
-    # The lens, and about how late the picture is.
+    # First pass: lens angle, and approximate delay of the picture.
     plans = [_steps(axis) for axis in commanded.axes]
     # What the file expects of a step, for how long it may last.
     likely = [_steps(old if old.speed_steps else new) for old, new in zip(neck.axes, commanded.axes, strict=True)]

@@ -74,14 +74,14 @@ def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
 
 
 def neck_toml(neck: NeckSpec, estimates: Sequence[AxisEstimate], name: str, origin: str, day: datetime.date) -> str:
-    """A neck file with what was identified; all else as in the given neck.
+    """A neck file with the identified values; all others from the given neck.
 
     Args:
-        neck: Where limits, geometry and rates are from.
-        estimates: One for each joint that moved; a joint without estimate stays as it is.
-        name: Of the new neck.
+        neck: Source of limits, geometry and rates.
+        estimates: One for each joint that moved; a joint without an estimate is unchanged.
+        name: Name of the new neck.
         origin: The measured robot or log.
-        day: When.
+        day: Date of the identification.
 
     Returns:
         TOML that `gazempc.neck.spec.load_neck` reads.
@@ -152,7 +152,7 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
 
 
 def _busiest_s(e: AxisEstimate) -> float:
-    """Start of the stretch in which the joint moves most, seconds."""
+    """Start of the interval with the most motion, seconds."""
     way = np.append(0.0, np.cumsum(np.abs(np.diff(e.model_rad))))
     last_s = max(float(e.time_s[-1]) - _DETAIL_S, float(e.time_s[0]))
     starts_s = e.time_s[e.time_s <= last_s]
@@ -166,9 +166,9 @@ class TurnedAxis:
 
     Attributes:
         name: ``pan`` or ``tilt``.
-        picture: By the pictures: delay from command to picture, lag and speeds.
-        answers: By the device's position answers; None without them.
-        steps: How many steps there are to each side.
+        picture: Estimate from pictures: delay from command to picture, lag and speeds.
+        answers: Estimate from position feedback of the device; None if there is none.
+        steps: Number of steps to each side.
     """
 
     name: str
@@ -178,20 +178,20 @@ class TurnedAxis:
 
     @property
     def servo(self) -> TurnEstimate:
-        """The estimate of dead time, lag and speeds: by the answers, which come more often than pictures."""
+        """The estimate of dead time, lag and speeds: from position feedback if available, which has the higher rate."""
         return self.answers or self.picture
 
 
 def option_words(robot: str, options: RobotOptions, axes: Sequence[TurnedAxis]) -> list[str]:
-    """Options of the robot that are not the defaults, with the measured signs, as words of the command line.
+    """Non-default options of the robot, with the measured signs, as words of the command line.
 
     Args:
         robot: The robot, such as ``visca:HOST``.
-        options: Those with which it was driven.
+        options: Options of the identification run.
         axes: Pan and tilt, identified.
 
     Returns:
-        The words; none for a robot of the user's own.
+        The words; none for a user-defined robot.
     """
     kind = split_address(robot)[0]
     given = getattr(options, kind, None)
@@ -208,7 +208,7 @@ def option_words(robot: str, options: RobotOptions, axes: Sequence[TurnedAxis]) 
 
 
 def latency_s(axes: Sequence[TurnedAxis], camera: CameraOptions) -> float:
-    """Latency of the picture: its delay less that of the answers, or the stated one, seconds."""
+    """Latency of the picture: its delay minus that of position feedback, or the stated one, seconds."""
     known = [axis.picture.delay_s.value - axis.answers.delay_s.value for axis in axes if axis.answers is not None]
     return float(np.mean(known)) if known else 1e-3 * camera.latency_ms
 
@@ -238,18 +238,18 @@ def turned_toml(
     origin: str,
     day: datetime.date,
 ) -> str:
-    """A neck file with delay, servo and speed table of each axis; all else as in the given neck.
+    """A neck file with delay, servo and speed table of each axis; all else from the given neck.
 
-    Positive speeds are to the left and up in the picture, whatever signs the device was driven with. Without position
-    answers the dead time contains the picture's latency.
+    Positive speeds are to the left and up in the picture, independent of the signs of the device. Without position
+    feedback the dead time contains the picture's latency.
 
     Args:
-        neck: Has ranges, limits and geometry.
+        neck: Source of ranges, limits and geometry.
         axes: Pan and tilt, identified.
         view_rad: Width and height of the picture, radians.
-        name: Of the new file.
+        name: Name of the new file.
         origin: Robot and picture, for its source.
-        day: Of the identification.
+        day: Date of the identification.
 
     Returns:
         The file as text.
@@ -276,11 +276,11 @@ def turned_toml(
 
 
 def _ascending(axis: TurnedAxis, way: int) -> list[float]:
-    """Speeds of the steps to one side; a step that was not seen lies between its neighbours."""
+    """Speeds of the steps to one side; unmeasured steps are interpolated."""
     speeds = axis.servo.speeds_rad_s
     known = {way * step: speeds[step].value for step in sorted(speeds, key=abs) if way * step > 0}
     if not known:
         raise IdentificationError(f"{axis.name}: no picture shows the speeds to one side: more light, less blur")
     measured = np.abs(np.interp(np.arange(1, axis.steps + 1), list(known), list(known.values())))
-    # Two steps of one speed may measure in either order.
+    # Monotone: measurement noise may swap two steps of equal speed.
     return [float(f"{speed:.5g}") for speed in np.maximum.accumulate(np.maximum(measured, 1e-5))]

@@ -105,11 +105,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, 2 on bad input or where the data do not determine the result, 130 if interrupted.
+        Exit status: 0, 2 on bad input or insufficient data, 130 if interrupted.
     """
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            # As Ctrl-C: the neck is braked, then the command ends.
+            # As for Ctrl-C: brake the neck, then end the command.
             signal.signal(number, signal.default_int_handler)
     words = sys.argv[1:] if arguments is None else arguments
     try:
@@ -152,12 +152,12 @@ def _run(settings: IdentifySettings) -> int:
             urdf = read_urdf(settings.urdf, settings.eye_frame, settings.pan_joint, settings.tilt_joint)
         write_new_neck(settings.new, settings.sheet, urdf)
     elif settings.tracker is not None:
-        # Only here: the other ways need neither readers nor the fit.
+        # Local import: other modes need neither readers nor the fit.
         from gazempc.identify.tracker.sensor_file import identify_tracker  # noqa: PLC0415
 
         identify_tracker(settings.tracker, settings.person, settings.out, progress)
     elif settings.source is not None:
-        # Only here: the other ways need no OpenCV.
+        # Local import: other modes need no OpenCV.
         from gazempc.identify.from_picture import identify_from_picture  # noqa: PLC0415
 
         robot, neck = settings.robot or "", load_neck(settings.neck or "ptz")
@@ -170,14 +170,14 @@ def _run(settings: IdentifySettings) -> int:
 
 def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
     taken, neck, origin = _record(settings, progress)
-    # A record of a robot is kept even where the data do not determine the result.
+    # The record of a robot is kept even if the data are insufficient.
     written = [] if settings.from_log is not None else [settings.out.with_suffix(".npz")]
     failed = f", {taken.failed_reads} reads failed" if taken.failed_reads else ""
     print(f"{origin}: {taken.command_time_s.size} commands, {taken.joint_time_s.size} readings{failed}")
     progress.begin("fitting")
     estimates, refusals = _estimate(taken, settings)
 
-    # Matplotlib is imported only here, so that --help and bad input answer at once.
+    # Local import of Matplotlib: --help and error messages without delay.
     from gazempc.identify.identified import draw, neck_toml, table  # noqa: PLC0415
 
     if estimates:
@@ -201,7 +201,7 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
 
 
 def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord, NeckSpec, str]:
-    """Commands and angles, the neck whose limits are kept, and where the record is from."""
+    """Record, neck with the applied limits, and description of the origin."""
     if settings.from_log is not None:
         taken = load_record(settings.from_log)
         neck = taken.neck() if settings.neck is None else load_neck(settings.neck)
@@ -238,11 +238,11 @@ def _check(settings: IdentifySettings) -> None:
 
 def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> NeckRecord:
     name = settings.robot or "simulated"
-    # A simulated neck keeps any clock's time, so its run need not last as long as the motion.
+    # A simulated neck runs on any clock: faster than real time.
     clock: Clock = SimulatedClock() if keeps_any_clock(ROBOT, name) else RealClock()
     with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
         called(robot.connect)
-        # Nothing stops the wait or the motion but an exception.
+        # Never set: only an exception ends the wait or the motion.
         never = threading.Event()
         start_rad = first_position_rad(robot, neck, clock, never)
         assert start_rad is not None

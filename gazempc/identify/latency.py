@@ -1,4 +1,4 @@
-"""How late a sensor's observations are, where the motion that it observes is known."""
+"""Latency of a sensor's observations of a known motion."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ def estimate_latency(
     observed: FloatArray,
     latency_max_s: float = 1.0,
 ) -> Interval:
-    """Find the delay at which observations agree best with a known motion; constant offsets do not matter.
+    """Estimate the delay of observations of a known motion by least squares; invariant to constant offsets.
 
-    The motion may be a person's true track, or the encoders' angles of a camera that turns before a fixed
-    target: then `known` is the direction of the target as the encoders have it.
+    The motion may be a person's true track, or the encoder angles of a camera that turns before a fixed target: then
+    `known` is the direction of the target from the encoders.
 
     Args:
         known_time_s: Times of the known motion, shape (M,), increasing, seconds.
-        known: The motion, shape (M, k), any unit; rows with NaN are left out.
-        observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. With times of arrival
-            the latency is the whole of it; with times of capture it is the error of those.
+        known: The motion, shape (M, k), any unit; rows with NaN are removed.
+        observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. Arrival times give the
+            total latency, capture times the error of the stamps.
         observed: Observations, shape (F, k), the same unit.
-        latency_max_s: Largest latency that is looked for, seconds.
+        latency_max_s: Upper bound of the latency, seconds.
 
     Returns:
-        From the motion to the time stamp of its observation, seconds.
+        Delay from the motion to the time stamp of its observation, seconds.
 
     Raises:
-        IdentificationError: If the data do not determine it.
+        IdentificationError: If the data are insufficient.
     """
     known_time_s, known = _finite(known_time_s, known)
     observed_time_s, observed = _finite(observed_time_s, observed)
@@ -55,7 +55,7 @@ def estimate_latency(
     motion = CubicSpline(known_time_s, known)
 
     def usable(earliest_s: float, latest_s: float) -> NDArray[np.bool_]:
-        # The same observations for all latencies that are compared: each one's moment must be known for all of them.
+        # The same observations for all compared latencies: those with a known motion at each of them.
         first, last = known_time_s[0] + latest_s, known_time_s[-1] + earliest_s
         return np.asarray((observed_time_s >= first) & (observed_time_s <= last))
 
@@ -63,7 +63,7 @@ def estimate_latency(
         difference = observed[used] - motion(observed_time_s[used] - latency_s)
         return np.asarray(difference - difference.mean(axis=0))
 
-    # Each latency is judged by the observations at known moments: a short record has few for all latencies at once.
+    # Coarse scan with separate observations for each latency: a short record has few that are valid for all.
     lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
     judged = [(lag_s, used) for lag_s in lags_s if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS]
     scores = {float(lag_s): float(np.mean(residual(lag_s, used) ** 2)) for lag_s, used in judged}
@@ -91,16 +91,16 @@ def _refused(why: str) -> IdentificationError:
 
 
 def log_latency(log: Log) -> tuple[Interval, Interval]:
-    """Latency of a log's observations of the head, where its true motion is known.
+    """Latency of a log's observations of the head, relative to its true motion.
 
     Args:
         log: A run.
 
     Returns:
-        From the true motion to the arrival, and to the capture time that the sensor states; the second should be 0.
+        Delay from the true motion to the arrival, and to the stated capture time, which should be 0.
 
     Raises:
-        IdentificationError: If the data do not determine it, or the log has no true motion.
+        IdentificationError: If the data are insufficient, or the log has no true motion.
     """
     arrived = estimate_latency(log.time_s, log.head_true_base_m, log.arrival_time_s, log.head_observed_base_m)
     captured = estimate_latency(log.time_s, log.head_true_base_m, log.capture_time_s, log.head_observed_base_m)

@@ -1,4 +1,4 @@
-"""A neck file from a data sheet: the rest by rules of thumb, marked as assumed."""
+"""A neck file from a data sheet; missing parameters by rules of thumb, marked as assumed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
 
 _DEG = math.pi / 180.0
-# Radians a second in one of the unit. A servo's data sheet has the time for 60 degrees.
+# Conversion factors to rad/s. Data sheets of servos state the time for 60 degrees.
 _SPEEDS = {"deg/s": _DEG, "rad/s": 1.0, "rpm": 2.0 * math.pi / 60.0}
 _SECONDS_FOR_60_DEG = "s/60deg"
 _SPEED_UNITS = f"{', '.join(_SPEEDS)} or {_SECONDS_FOR_60_DEG}"
@@ -60,7 +60,7 @@ class _Axis:
 
 
 def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
-    """Ask for what is missing, write a neck file, and print its values and the next commands.
+    """Prompt for missing values, write a neck file, and print its values and the next commands.
 
     Args:
         path: TOML file to write; must not exist.
@@ -68,7 +68,7 @@ def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
         urdf: The neck of a URDF, in place of the sheet.
 
     Raises:
-        SettingsError: If the file exists, a value is wrong, or there is no answer.
+        SettingsError: If the file exists, a value is invalid, or a prompt is not answered.
     """
     if path.exists():
         raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
@@ -117,7 +117,7 @@ def neck_file(
         axes: Pan and tilt.
         head_view_deg: Field of view of a camera on the head.
         today: Date for its source.
-        urdf: Has the geometry; without it all offsets are 0.
+        urdf: Source of the geometry; None for zero offsets.
 
     Returns:
         TOML with comments.
@@ -185,7 +185,7 @@ def _axis(name: str, sheet: DataSheet) -> _Axis:
 
 
 def _answer(given: str | None, option: str, question: str, read: Callable[[str], Answer]) -> Answer:
-    """An option's value, or a person's answer, asked again until it can be read."""
+    """An option's value, or the user's input, with a new prompt after invalid input."""
     while True:
         try:
             return read(input(question) if given is None else given)
@@ -207,7 +207,7 @@ def read_range(text: str) -> tuple[float, float]:
         Lower and upper end, degrees.
 
     Raises:
-        ValueError: If it is none, or does not hold 0.
+        ValueError: If the text is invalid, or the range does not contain 0.
     """
     found = re.fullmatch(rf"\s*({_NUMBER})[\s,;]+({_NUMBER})\s*(?:deg|°)?\s*", text)
     if found is None:
@@ -228,7 +228,7 @@ def read_speed(text: str) -> float:
         Rad/s.
 
     Raises:
-        ValueError: If it is none.
+        ValueError: If the text is invalid.
     """
     found = re.fullmatch(rf"\s*({_NUMBER})\s*([a-zA-Z°/\d]+)\s*", text)
     unit = "" if found is None else found[2].lower().replace("°", "deg")

@@ -1,4 +1,4 @@
-"""Run the excitation on a robot, and keep command and measured angles in one file."""
+"""Execution of the excitation on a robot, with a record of commands and measured angles."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from gazempc.robots.robot import Robot, checked_reading
 from gazempc.types import FloatArray
 
 _T = TypeVar("_T")
-# A robot that has not been read for so long may be stuck anywhere: better to stop than to go on moving it blindly.
+# Timeout of readings: without feedback the motion is stopped.
 _SILENCE_S = 0.5
-# Held up for longer, going on at the old speed would be a jolt.
+# Longest delay of a tick: to continue at the previous speed would be a jerk.
 _STALL_S = 0.15
-# Larger numbers than any second since 1970 are damage.
+# Plausibility bound, also of Unix time in seconds.
 _LARGEST = 1e12
 
 
@@ -44,12 +44,12 @@ class NeckRecord:
     Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
 
     Attributes:
-        about: JSON text: where it is from, the neck in full, and settings.
-        command_time_s: When each command was sent, shape (K,), seconds.
-        command_rad: Sent to each joint, shape (K, N), radians; each is held until the next.
-        joint_time_s: When the angles were measured, shape (M,), seconds, on the same clock.
+        about: JSON text: origin, the complete neck, and settings.
+        command_time_s: Send times of the commands, shape (K,), seconds.
+        command_rad: Commands, shape (K, N), radians; each is held until the next.
+        joint_time_s: Measurement times, shape (M,), seconds, on the same clock.
         joint_rad: Measured angles, shape (M, N), radians.
-        failed_reads: How often the joints could not be read.
+        failed_reads: Number of failed readings.
     """
 
     about: str
@@ -60,7 +60,7 @@ class NeckRecord:
     failed_reads: int = 0
 
     def neck(self) -> NeckSpec:
-        """The neck whose limits the run kept."""
+        """The neck with the limits of the run."""
         return NeckSpec.model_validate(json.loads(self.about)["neck"])
 
     def save(self, path: Path) -> None:
@@ -73,7 +73,7 @@ class NeckRecord:
 
 
 def called(method: Callable[..., _T], *given: object) -> _T:
-    """Call a method of a robot that may be a user's own.
+    """Call a method of a robot, which may be user-defined.
 
     Args:
         method: The method.
@@ -101,22 +101,22 @@ def record(
     about: dict[str, Any],
     on_tick: Callable[[float], None] | None = None,
 ) -> NeckRecord:
-    """Drive the robot through the excitation and record it. Interrupted, the command first comes to rest.
+    """Execute the excitation and record the response. After an interrupt the command is first brought to rest.
 
     Args:
         robot: Connected; stays connected.
         clock: The robot's clock.
-        excitation: Commands; begins where the joints stand.
-        neck: Its limits, for the stop.
-        about: Where the record is from; the neck is added.
-        on_tick: Told after each tick the share that is done, 0 to 1.
+        excitation: Commands, from the present joint angles.
+        neck: The neck with the limits of the stop.
+        about: Description of the origin; the neck is added.
+        on_tick: Called after each tick with the completed share, 0 to 1.
 
     Returns:
         The record.
 
     Raises:
-        RobotError: If a command does not get through, the joints cannot be read for half a second, or the computer is
-            held up for longer than 0.15 s.
+        RobotError: If a command is not accepted, readings fail for half a second, or a tick is late by more than
+            0.15 s.
         KeyboardInterrupt: If interrupted, after the stop.
     """
     commands: list[tuple[float, FloatArray]] = []
@@ -126,7 +126,7 @@ def record(
     try:
         for tick in range(count):
             clock.sleep_until_s(start_s + tick * excitation.period_s)
-            # A computer that woke up late does everything later: to leave commands out would be a jump.
+            # After a late tick the schedule is shifted: skipped commands would cause a step.
             late_s = clock.now_s() - (start_s + tick * excitation.period_s)
             if late_s > _STALL_S:
                 raise RobotError(f"stopped: the computer was held up for {1e3 * late_s:.0f} ms; run less beside it")
@@ -152,7 +152,7 @@ def record(
             if on_tick is not None:
                 on_tick(tick / count)
     except BaseException:
-        # Whatever it was, a robot that still listens must not be left at full speed.
+        # After any exception the robot is stopped if it still accepts commands.
         with contextlib.suppress(Exception), _undisturbed():
             _stop(robot, clock, neck, excitation.position_rad[: max(len(commands), 1)])
         raise
@@ -168,7 +168,7 @@ def record(
 
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
-    """No signal ends what is done within: the second Ctrl-C must not end the braking that the first one asked for."""
+    """Ignore signals: a second Ctrl-C must not interrupt the braking that the first one caused."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     main = threading.current_thread() is threading.main_thread()
     before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers} if main else {}
@@ -188,7 +188,7 @@ def _stop(robot: Robot, clock: Clock, neck: NeckSpec, sent_rad: FloatArray) -> N
 
 
 def load_record(path: Path | str) -> NeckRecord:
-    """Read a record, or make one of a log of `gazempc.run`.
+    """Read a record, or convert a log of `gazempc.run`.
 
     Args:
         path: File written by `NeckRecord.save` or `gazempc.results.log.Log.save`.
@@ -204,7 +204,7 @@ def load_record(path: Path | str) -> NeckRecord:
     if all(name in values for name in wanted):
         return _record(path, {name: values[name] for name in wanted})
     log = load_log(path)
-    # The log has a row for each tick, with NaN where the robot reported nothing.
+    # The log has one row a tick, with NaN for missing readings.
     measured = np.isfinite(log.joint_position_rad).all(axis=1)
     return NeckRecord(
         about=json.dumps({"from": f"log {Path(path).name}", "neck": log.neck.model_dump()}, sort_keys=True),
@@ -216,10 +216,10 @@ def load_record(path: Path | str) -> NeckRecord:
 
 
 def _record(path: Path | str, values: dict[str, Any]) -> NeckRecord:
-    """A record of a file's arrays.
+    """A record from a file's arrays.
 
     Raises:
-        SettingsError: If they do not go together, or the description of the neck cannot be read.
+        SettingsError: If the arrays are inconsistent, or the description of the neck is invalid.
     """
     try:
         found = NeckRecord(**values | {"about": str(values["about"]), "failed_reads": int(values["failed_reads"])})

@@ -1,4 +1,4 @@
-"""Least squares with confidence intervals for correlated residuals, and the response of a servo behind a dead time."""
+"""Least squares with confidence intervals for correlated residuals, and the response of a servo with dead time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gazempc.types import FloatArray
 
 # Two-sided 95 % of a normal distribution.
 Z_95 = 1.959964
-# Of the autoregression of residuals: an encoder's white noise beside friction that changes slowly needs more than one.
+# Order of the autoregression of residuals: white encoder noise plus slowly varying friction needs more than one.
 _ORDER = 4
 
 
@@ -42,14 +42,14 @@ def fit(
     high: Sequence[float],
     channels: int = 1,
 ) -> Fit:
-    """Fit from several starts and keep the best.
+    """Multi-start least squares.
 
     Args:
-        residual: Parameters, shape (p,), to residuals in time order, shape (n,).
-        starts: Where to begin.
+        residual: Maps parameters, shape (p,), to residuals in temporal order, shape (n,).
+        starts: Initial values.
         low: Lower bounds.
         high: Upper bounds.
-        channels: How many residuals in a row share a time.
+        channels: Number of consecutive residuals of the same time.
 
     Returns:
         The best fit.
@@ -63,13 +63,13 @@ def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int 
     """Covariance of a least-squares estimate whose errors are correlated in time.
 
     The spectrum of the errors is that of an autoregression fitted to the residuals (den Haan & Levin 1997, "A
-    practitioner's guide to robust covariance matrix estimation"). Where the simple formula for independent errors
-    gives more, it counts: correlation found by chance must not make an estimate look better than it is.
+    practitioner's guide to robust covariance matrix estimation"). The formula for independent errors is a lower bound:
+    spurious correlation must not reduce the covariance.
 
     Args:
         jacobian: Shape (n, p).
-        residual: Shape (n,), in time order.
-        channels: How many residuals in a row share a time.
+        residual: Shape (n,), in temporal order.
+        channels: Number of consecutive residuals of the same time.
 
     Returns:
         Shape (p, p); `Z_95` standard deviations are half the 95 % interval.
@@ -77,7 +77,7 @@ def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int 
     n, p = jacobian.shape
     inverse = np.linalg.pinv(_products(jacobian, jacobian))
     spread = n / max(n - p, 1)
-    # Errors of one time may have anything in common: as combinations of errors that have nothing.
+    # Decorrelate (whiten) the errors of one time.
     errors = residual.reshape(-1, channels)
     _, mixing = np.linalg.eigh(_products(errors, errors))
     rows = np.einsum("tcp,cd->dtp", jacobian.reshape(-1, channels, p), mixing)
@@ -85,7 +85,7 @@ def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int 
     correlated = spread * inverse @ meat @ inverse
     independent = spread * inverse * float(residual @ residual) / n
     ratio = np.diag(independent) / np.maximum(np.diag(correlated), 1e-300)
-    # Correlated errors are as good as fewer independent ones, of which the fit has used up p: Student's quantile.
+    # Effective sample size of correlated errors, minus p degrees of freedom: Student's quantile.
     freedom = np.maximum(len(errors) * np.minimum(1.0, ratio) - p, 1.0)
     widening = (stdtrit(freedom, 0.975) / Z_95) ** 2 * (freedom + p) / freedom
     more = np.sqrt(np.maximum(1.0, ratio) * widening)
@@ -96,7 +96,7 @@ def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
     """Covariance of ``jacobian.T @ error`` for errors with the spectrum of an autoregression, shape (p, p)."""
     count = len(error)
     order = min(_ORDER, count // 8)
-    # Twice the length, so that no end meets the beginning.
+    # Zero padding to twice the length, against circular correlation.
     power = np.abs(np.fft.rfft(error, 2 * count)) ** 2
     autocovariance = np.fft.irfft(power)[: order + 1] / count
     if not autocovariance[0] > 0.0:
@@ -111,20 +111,20 @@ def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
 
 
 def _products(a: FloatArray, b: FloatArray) -> FloatArray:
-    # As a @ of long thin matrices, but on one thread: starting several for so little work takes far longer than it.
+    # Matrix product of long thin matrices on one thread: the overhead of several threads is larger.
     return np.asarray(np.einsum("ij,ik->jk", a, b))
 
 
 _FINEST_S = 0.002
-# The grid goes on a little after the last reading, for dead times that are (slightly) negative while fitting.
+# Extension of the grid beyond the last reading, for slightly negative dead times during the fit.
 _BEYOND_S = 0.2
 
 
 class ServoModel:
     """Responses of ``q'' = wn^2 (u(t - d) - q) - 2 zeta wn q'`` to one axis's commands, at the times of the readings.
 
-    The servo runs without delay on a grid of about 2 ms, exactly for held commands. It is read off at time - d by a
-    cubic spline, so d need not be a multiple of anything. Before the first command the joint rests at it.
+    The servo without delay is simulated exactly, with zero-order hold, on a grid of about 2 ms. A cubic spline is
+    evaluated at time - d, so d is continuous. The joint is initially at rest at the first command.
 
     Args:
         command_time_s: When commands were sent, shape (K,), increasing, seconds.
@@ -134,14 +134,14 @@ class ServoModel:
 
     def __init__(self, command_time_s: FloatArray, command_rad: FloatArray, time_s: FloatArray) -> None:
         period_s = float(np.median(np.diff(command_time_s)))
-        # A whole part of the period, so that commands at regular times fall on the grid.
+        # An integer fraction of the period: regular command times are on the grid.
         self._step_s = period_s / np.ceil(period_s / _FINEST_S - 1e-9)
         self._first_rad = float(command_rad[0])
         self._since_s = time_s - command_time_s[0]
         self._from_first_s = time_s - time_s[0]
         cells = int(np.ceil((self._since_s[-1] + _BEYOND_S) / self._step_s)) + 2
         self._grid_s = np.arange(cells + 1) * self._step_s
-        # Means over the cells, from the integral of the held command: right also for commands at irregular times.
+        # Means over the cells from the integral of the held command: exact also for irregular command times.
         knots_s = np.append(command_time_s - command_time_s[0], max(self._grid_s[-1], self._since_s[-1]) + period_s)
         integral = np.concatenate([[0.0], np.cumsum(np.diff(knots_s) * (command_rad - command_rad[0]))])
         cells_rad = np.diff(np.interp(self._grid_s, knots_s, integral)) / self._step_s
@@ -158,7 +158,7 @@ class ServoModel:
         return np.asarray(self._first_rad + motion(at_s))
 
     def free(self, natural_frequency_rad_s: float, damping_ratio: float) -> FloatArray:
-        """Two independent free responses since the first reading, of which every other one is a sum, shape (N, 2)."""
+        """Basis of the free responses since the first reading, shape (N, 2)."""
         _, denominator = self._discrete(natural_frequency_rad_s, damping_ratio)
         responses = lfilter([1.0], denominator, np.eye(self._grid_s.size, 2), axis=0)
         return np.asarray(CubicSpline(self._grid_s, responses)(self._from_first_s))

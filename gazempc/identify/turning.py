@@ -1,8 +1,8 @@
-"""How far a camera has turned between two of its pictures, and delay, lag and speeds from its motion.
+"""Rotation of a camera from image registration, and estimation of delay, lag and speeds.
 
-Pictures are mapped to a cylinder about the axis, on which a rotation is a shift. Phase correlation finds the shift to
-a pixel, least squares on the grey values the rest. Of several shifts the one that suits half of the pixels counts: a
-person who moves in the picture does not.
+Pictures are projected onto a cylinder about the axis, on which a rotation is a translation. Phase correlation gives it
+to a pixel, robust least squares on the grey values to a fraction. Of several candidates the one that explains half of
+the pixels is chosen, so a person who moves in the picture has no effect.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from gazempc.identify.servo_fit import Z_95, fit
 from gazempc.live.sources.camera.blazeface import import_opencv
 from gazempc.types import FloatArray
 
-# Grey levels, s.d.: below it a picture is dark, or a blank wall.
+# Least standard deviation of grey levels; below it a picture is dark, or a blank wall.
 _LEAST_CONTRAST = 4.0
-# Median difference of two pictures after the shift, in standard deviations: with more they have no common part.
+# Largest median difference of two registered pictures, in standard deviations; above it they do not overlap.
 _LARGEST_ERROR = 0.35
-# Gauss-Newton steps of the fraction of a pixel.
+# Gauss-Newton steps of the subpixel registration.
 _STEPS = 5
-# Highest values of a correlation that are tried: a peak is two or three columns wide, and a person may have one, too.
+# Number of candidates: a correlation peak is two or three columns wide, and a moving person may cause another one.
 _PEAKS = 12
-# Beyond this share of the picture the common part of two pictures is too small.
+# Largest shift, as a share of the picture: beyond it the overlap is too small.
 _LARGEST_SHIFT = 0.45
-# Uncertainty of the moment at which a device receives a command, s.d.
+# Standard deviation of the time at which a device receives a command.
 _SEND_JITTER_S = 0.004
 _LAG_RAD_S = (2.0, 100.0)
 _FEWEST = 4
@@ -43,8 +43,8 @@ class Turning:
     Args:
         axis: ``pan`` or ``tilt``.
         fov_rad: Horizontal angle of the picture.
-        width: Of the picture, pixels.
-        height: Of the picture, pixels.
+        width: Width of the picture, pixels.
+        height: Height of the picture, pixels.
     """
 
     def __init__(self, axis: str, fov_rad: float, width: int, height: int) -> None:
@@ -59,7 +59,7 @@ class Turning:
         self._y = (0.5 * (along - 1) + up[:, None] / np.cos(angle)).astype(np.float32)
 
     def flat(self, grey: Any) -> Any:
-        """A grey picture on the cylinder, shape (rows, columns), float32.
+        """Project a grey picture onto the cylinder, shape (rows, columns), float32.
 
         Raises:
             IdentificationError: If the picture is dark or blank.
@@ -72,19 +72,19 @@ class Turning:
         return self._cv2.remap(turned, self._x, self._y, self._cv2.INTER_LINEAR).astype(np.float32)
 
     def between(self, before: Any, after: Any, guess_rad: float = 0.0) -> float:
-        """Rotation between two flat pictures.
+        """Rotation between two projected pictures.
 
         Args:
-            before: The first, of `flat`.
+            before: The first, from `flat`.
             after: The second.
-            guess_rad: About how far it is, radians.
+            guess_rad: Initial estimate, radians.
 
         Returns:
-            Radians, to the left or up; NaN if the pictures have too little in common.
+            Radians, positive to the left or up; NaN if the overlap is too small.
         """
         columns, start_px = before.shape[1], round(guess_rad * self._focal_px)
         tried = {start_px, *self._peaks(before, after, start_px), *self._peaks(before, after, 0)}
-        # Half of the pixels decide: the background, and not what moves in front of it.
+        # Median over pixels: the background, robust to moving objects.
         pairs = {px: _common(before, after, px) for px in tried if abs(px) < columns // 2}
         left = {px: float(np.median(np.abs(one - other))) for px, (one, other) in pairs.items()}
         best = min(left, key=lambda whole_px: left[whole_px])
@@ -93,20 +93,20 @@ class Turning:
         return self._refined(before, after, best) / self._focal_px
 
     def _peaks(self, before: Any, after: Any, start_px: int) -> list[int]:
-        """Shifts at the highest peaks of the phase correlation of the common part at a first shift."""
+        """Shifts at the highest peaks of the phase correlation of the overlap at an initial shift."""
         if abs(start_px) > _LARGEST_SHIFT * before.shape[1]:
             return []
         one, other = _common(before, after, start_px)
         window = self._cv2.createHanningWindow(one.shape[::-1], self._cv2.CV_32F)
         cross = np.conj(np.fft.rfft2(one * window)) * np.fft.rfft2(other * window)
         surface = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-9), one.shape)
-        # About this axis nothing shifts across.
+        # Rotation about this axis causes no transverse shift.
         profile, columns = surface[[-1, 0, 1]].max(axis=0), one.shape[1]
         highest = np.argsort(profile)[-_PEAKS:]
         return [start_px + int((k + columns // 2) % columns - columns // 2) for k in highest]
 
     def _refined(self, before: Any, after: Any, whole_px: int) -> float:
-        # The peak of a phase correlation is drawn to whole pixels. Robust least squares on the grey values is not.
+        # The peak of a phase correlation is biased to whole pixels; robust least squares on the grey values is not.
         cv2 = self._cv2
         one, other = _common(cv2.GaussianBlur(before, (0, 0), 1.5), cv2.GaussianBlur(after, (0, 0), 1.5), whole_px)
         part_px = 0.0
@@ -122,18 +122,18 @@ class Turning:
 
 
 def _common(before: Any, after: Any, whole_px: int) -> tuple[Any, Any]:
-    """The common part of two pictures, the second of which is shifted to the right."""
+    """The overlap of two pictures, the second of which is shifted to the right."""
     columns = before.shape[1]
     one = before[:, max(-whole_px, 0) : columns - max(whole_px, 0)]
     return one, after[:, max(whole_px, 0) : columns + min(whole_px, 0)]
 
 
 class Odometer:
-    """Sums rotations over a stream of pictures, by key pictures, so that errors add up only where the view changes.
+    """Visual odometry over a stream of pictures, with key frames: drift accumulates only at changes of the key frame.
 
     Args:
-        turning: Measures between two pictures.
-        most_rad: A new key picture is taken beyond this rotation.
+        turning: Measures the rotation between two pictures.
+        most_rad: Rotation beyond which a new key frame is taken.
     """
 
     def __init__(self, turning: Turning, most_rad: float) -> None:
@@ -142,7 +142,7 @@ class Odometer:
         self._key_rad = self._last_rad = self._rate_rad = 0.0
 
     def add(self, grey: Any) -> float:
-        """The rotation since the first picture, radians; NaN for a picture that cannot be used, as if blurred."""
+        """The rotation since the first picture, radians; NaN for an invalid picture, such as a blurred one."""
         flat = self._turning.flat(grey)
         if self._key is None:
             self._key = flat
@@ -163,10 +163,10 @@ class Pulse:
 
     Attributes:
         step: The device's step, with its sign.
-        on_s: When it was sent, seconds.
-        off_s: When the stop was sent, seconds.
+        on_s: Send time of the speed, seconds.
+        off_s: Send time of the stop, seconds.
         time_s: Stamps of the angles, shape (N,), seconds.
-        angle_rad: Shape (N,), radians; NaN where unknown.
+        angle_rad: Shape (N,), radians; NaN if unknown.
     """
 
     step: int
@@ -178,11 +178,11 @@ class Pulse:
 
 @dataclass(frozen=True)
 class TurnEstimate:
-    """What pulses say about an axis.
+    """Estimate of an axis from pulses.
 
     Attributes:
-        delay_s: From sending a command to its effect in the angles.
-        natural_frequency_rad_s: Of a speed servo with damping ratio 1.
+        delay_s: Delay from sending a command to its effect in the angles.
+        natural_frequency_rad_s: Natural frequency of a speed servo with damping ratio 1.
         speeds_rad_s: Speed of each step, with the sign of the angles.
         residual_deg: RMS of angles minus model.
     """
@@ -201,15 +201,15 @@ class TurnEstimate:
 def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     """Fit delay, lag and the speed of each step.
 
-    Delay and natural frequency are found by `scipy.optimize.least_squares`; for each of them each pulse has its best
-    speed and start in closed form.
+    Variable projection: delay and natural frequency by `scipy.optimize.least_squares`, speed and initial angle of each
+    pulse in closed form.
 
     Args:
-        pulses: Of one axis.
-        delay_max_s: Largest delay that is looked for, seconds.
+        pulses: Pulses of one axis.
+        delay_max_s: Upper bound of the delay, seconds.
 
     Raises:
-        IdentificationError: If the angles do not determine the delay.
+        IdentificationError: If the delay is not identifiable.
     """
     known = [(pulse, np.isfinite(pulse.angle_rad)) for pulse in pulses]
     used = [(pulse, pulse.time_s[fine], pulse.angle_rad[fine]) for pulse, fine in known if fine.sum() >= _FEWEST]
@@ -231,7 +231,7 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     scanned = sorted(starts, key=lambda values: float(np.sum(np.concatenate(solved(np.array(values))[0]) ** 2)))
     low, high = (-0.05, math.log(_LAG_RAD_S[0])), (delay_max_s + 0.2, math.log(_LAG_RAD_S[1]))
     best = fit(lambda values: np.concatenate(solved(values)[0]), scanned[:2], low, high)
-    # Once more without pictures that were compared wrongly.
+    # Refit without outliers from wrong registrations.
     least_rad = 4.0 * 1.48 * float(np.median(np.abs(best.residual))) + 1e-4
     fine = [np.abs(own) <= least_rad for own in solved(best.values)[0]]
     kept = [(p, time_s[f], angle_rad[f]) for (p, time_s, angle_rad), f in zip(used, fine, strict=True)]
@@ -257,7 +257,7 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
 def _speed(
     pulse: Pulse, time_s: FloatArray, angle_rad: FloatArray, servo: FloatArray, start_rad_s: float, residual: FloatArray
 ) -> tuple[float, float]:
-    """Speed of one pulse and its deviation; both commands may have been sent a little earlier or later than noted."""
+    """Speed of one pulse and its standard deviation; includes the uncertainty of both send times."""
     since_s, wn = time_s - servo[0], math.exp(servo[1])
     noise_rad = min(max(1.48 * float(np.median(np.abs(residual))), 1e-4), 2e-3)
 
@@ -275,13 +275,13 @@ def _speed(
 
 
 def _mean(measured: Sequence[tuple[float, float]]) -> Interval:
-    # The median: a pulse during which the scene moved is one of several.
+    # The median is robust to single pulses with motion in the scene.
     values = np.array(measured)
     value, sd = float(np.median(values[:, 0])), float(np.max(values[:, 1])) / math.sqrt(len(values))
     return Interval.around(value, Z_95 * sd)
 
 
 def _ramp(time_s: FloatArray, wn: float) -> FloatArray:
-    """Answer of q'' = wn^2 (u - q) - 2 wn q' to u = t, from rest at 0."""
+    """Ramp response of q'' = wn^2 (u - q) - 2 wn q' to u = t, from rest at 0."""
     t = np.maximum(time_s, 0.0)
     return np.asarray(t - 2.0 / wn + np.exp(-wn * t) * (t + 2.0 / wn))

@@ -24,12 +24,12 @@ class UrdfNeck:
     """A pan-tilt neck of a URDF.
 
     Attributes:
-        base_frame: Link that carries the pan joint.
+        base_frame: Parent link of the pan joint.
         pan_in_base_m: Pan axis in that link, shape (3,), metres.
         base_roll_pitch_yaw_deg: Orientation of that link in the neck's base frame (x forward, y left, z up), degrees.
         joint_names: Pan and tilt.
         joint_signs: -1 for a joint that is positive to the right, or down.
-        range_deg: Lowest and highest angle of pan and of tilt, by the signs of a neck file, degrees.
+        range_deg: Lowest and highest angle of pan and of tilt, in the sign convention of neck files, degrees.
         speed_rad_s: Speed limits, rad/s.
         tilt_axis_in_pan_m: Tilt axis from the pan axis, shape (3,), metres.
         eye_in_tilt_m: Eye from the tilt axis, shape (3,), metres.
@@ -62,15 +62,15 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
 
     Args:
         path: The URDF (of a xacro, its output).
-        eye_frame: Link at the eye, such as that of the camera; its orientation does not count.
-        pan: Name of the pan joint; default: the second joint that turns on the way from the eye to the root.
+        eye_frame: Link at the eye, such as that of the camera; its orientation is not used.
+        pan: Name of the pan joint; default: the second revolute joint of the chain from the eye to the root.
         tilt: Name of the tilt joint; default: the first one.
 
     Returns:
         The neck.
 
     Raises:
-        SettingsError: If the file cannot be read, or has no such neck.
+        SettingsError: If the file is invalid, or has no such neck.
     """
     try:
         if path.stat().st_size > _MOST_BYTES:
@@ -107,7 +107,7 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
 
 
 def _neck(chain: list[Any], pan_joint: Any, tilt_joint: Any, path: Path) -> UrdfNeck:
-    """Frames at all joints at zero, from the pan joint's parent on."""
+    """The neck from its kinematic chain, at joint angles zero."""
     until_pan, until_tilt = chain.index(pan_joint), chain.index(tilt_joint)
     pan_pose = _origin(pan_joint)
     tilt_pose = reduce(np.matmul, map(_origin, reversed(chain[until_tilt:until_pan])), pan_pose)
@@ -118,7 +118,7 @@ def _neck(chain: list[Any], pan_joint: Any, tilt_joint: Any, path: Path) -> Urdf
         raise SettingsError(f"{path}: joint {pan_joint.get('name')} does not turn about its parent link's vertical")
     if abs(float(tilt_axis @ up)) > _LEVEL:
         raise SettingsError(f"{path}: joint {tilt_joint.get('name')} does not turn about a horizontal axis")
-    # Left is along the tilt axis, on the side on which the eye then looks away from the robot's back.
+    # Left is along the tilt axis, in the direction for which the eye looks forward.
     left = tilt_axis / np.linalg.norm(tilt_axis)
     if np.cross(left, up) @ np.array([1.0, 0.0, 0.0]) < 0.0:
         left = -left

@@ -1,1 +1,1 @@
-"""A run on the real clock: sources of observations, the sensor's mount, the run. May import gazempc.sim, margins."""
+"""Live runs in real time: sources of observations, mount of the sensor, run. May import gazempc.sim, margins."""

@@ -1,4 +1,4 @@
-"""Entry of `python -m gazempc.live`: signals are handled before the imports that take long."""
+"""Entry point of `python -m gazempc.live`: installs signal handlers before slow imports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gazempc.live.process import stopped_by_signals
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; a signal ends it in order, also during the imports.
+    """Run the command line; with graceful shutdown on signals, also during imports.
 
     Args:
         arguments: Command line without the program's name; default: the process's.

@@ -1,4 +1,4 @@
-"""What arrives at a tick of a live run: asked for, brought into the base frame, counted and watched."""
+"""Input stage of a live run: polls the source, transforms observations to the base frame, counts and checks them."""
 
 from __future__ import annotations
 
@@ -30,27 +30,27 @@ from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import HeadObservation
 
 _LOGGER = logging.getLogger("gazempc.live")
-# What has piled up beyond this is old. Taking it in holds up the tick.
+# Length of the queue: older observations are outdated, and processing them would delay the tick.
 _NEWEST = 16
-# Twenty people of two frames.
+# Two frames of twenty people.
 _NEWEST_OF_SEVERAL = 40
-# What a source goes on to refuse is reported so often: a second tracker must not stay unnoticed.
+# Period of repeated warnings about refused observations, for example from a second tracker.
 _AGAIN_AFTER_S = 10.0
-# Texts of what could not be used; the others are counted.
+# Number of stored problem texts; further ones are counted.
 _PROBLEMS_KEPT = 20
-# After so much of a tick no further observation is begun: the command must be sent in time.
+# Share of a tick for the processing of observations: the command must be sent in time.
 _TICK_SHARE = 0.2
 
 
 class Arrivals:
-    """Asks the source at every tick. A source that raises is survived: its exception is an event.
+    """Polls the source at every tick; an exception of the source becomes an event.
 
     Args:
         setup: The parts of the run.
-        report: Where to count.
+        report: Receives the counts.
 
     Attributes:
-        heads_seen: Gets each reported head with its time, seconds, also an implausible one; None for no listener.
+        heads_seen: Called with each reported head and its time, seconds, also implausible ones; None for no listener.
     """
 
     def __init__(self, setup: LiveSetup, report: LiveReport) -> None:
@@ -64,7 +64,7 @@ class Arrivals:
         self._watch = Watch(setup.clock, setup.stamps, setup.mount, setup.loop, setup.hints, people is not None)
         self._joints = JointHistory()
         self._waiting: deque[Sighting] = deque()
-        # A simulated clock stands still meanwhile.
+        # No time passes on a simulated clock meanwhile.
         self._longest_s = _TICK_SHARE * setup.neck.servo_period_s if setup.clock.is_real else math.inf
         self._plausibility = Plausibility()
         latency_s = (Stamps() if setup.stamps is None else setup.stamps.stamps).latency_s
@@ -73,23 +73,23 @@ class Arrivals:
         self.heads_seen: Callable[[Iterable[Sighting], float], None] | None = None
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
-        """Keep where the joints were: a sensor that moves is turned by them.
+        """Record the joint angles, for the pose of a moving sensor.
 
         Args:
             now_s: The time, seconds.
-            joints: The joints then.
+            joints: The joints at this time.
         """
         self._joints.add(now_s, joints.position_rad, joints.velocity_rad_s)
 
     def take(self, now_s: float, recorder: LoopRecorder) -> Iterable[Sighting]:
-        """What has arrived since the last tick.
+        """Observations since the last tick.
 
         Args:
             now_s: The time, seconds.
-            recorder: Where events go.
+            recorder: Records events.
 
         Returns:
-            Observations in the base frame, each made when it is asked for: no more of them than there is time for.
+            Observations in the base frame, generated lazily within the time budget of the tick.
         """
         for source in self._sources:
             arrived = Arrived()
@@ -102,7 +102,7 @@ class Arrivals:
         return self._in_time(now_s, recorder)
 
     def _sort(self, arrived: Arrived, now_s: float, recorder: LoopRecorder) -> None:
-        """Put what has arrived where it belongs."""
+        """Distribute observations, problems, notices and cues."""
         for cue in arrived.cues:
             self._cues.put(cue)
         self._waiting += arrived.sightings
@@ -121,14 +121,14 @@ class Arrivals:
             self._warn(now_s, recorder, notice.event, notice.text, _AGAIN_AFTER_S if notice.count else 0.0)
 
     def _in_time(self, now_s: float, recorder: LoopRecorder) -> Iterator[Sighting]:
-        """Those that wait, while a tick has time for them; the others wait for the next one."""
+        """Queued observations within the time budget of the tick; the others remain queued."""
         until_s = time.perf_counter() + self._longest_s
         while self._waiting:
             sighting = self._waiting.popleft()
             self._report.observations += 1
             try:
                 in_base = self._in_base(sighting)
-            except Exception as error:  # whatever a source takes for an observation
+            except Exception as error:  # observations of user-defined sources are untrusted
                 self._problem(now_s, recorder, str(error))
                 continue
             if self.heads_seen is not None:
@@ -159,7 +159,7 @@ class Arrivals:
     def _warn(
         self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again_after_s: float = math.inf
     ) -> None:
-        """Record an event, and warn with its text; again after a time at the earliest."""
+        """Record an event, and log its text as a rate-limited warning."""
         recorder.event(now_s, event)
         warned_s = self._warned_s.get(event, -math.inf)
         if now_s - warned_s >= again_after_s or warned_s == -math.inf:
@@ -173,10 +173,10 @@ class Arrivals:
 
         Args:
             now_s: The time, seconds.
-            recorder: Where events go.
+            recorder: Records events.
 
         Returns:
-            True once nothing more will come.
+            True after the end of the source.
         """
         with boundary(self._source, "finished", partial(recorder.event, now_s, Event.SOURCE_FAILED)):
             return bool(self._source.finished) and not self._waiting
@@ -197,7 +197,7 @@ class Arrivals:
         angles_rad = self._joints.at(seen.capture_time_s) if moves else None
         known = angles_rad is not None or not moves
         in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
-        # Where a wrong stamp does not let it be placed, too: the watch finds out why.
+        # Also checked without a position in the base frame, to find the cause of a wrong stamp.
         base_m = None if in_base is None else in_base.head_position_base_m
         self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
         if in_base is None:
@@ -218,7 +218,7 @@ class Arrivals:
 
 
 def _checked(arrived: object) -> Arrived:
-    """Refuse what is no `Arrived`; its observations are judged one by one."""
+    """Validate the type; observations are validated individually."""
     if not isinstance(arrived, Arrived):
         raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
     kinds: dict[str, Any] = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}

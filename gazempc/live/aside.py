@@ -1,4 +1,4 @@
-"""What a live run does beside the thread that sends: observations and joints come from parts that may block."""
+"""Reading of observations and joints outside of the servo thread, as these parts may block."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from gazempc.loop.track import AroundTarget, Target
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray, JointState, Sighting
 
-# A command waits so long for a reading under way, as before; then the reading hangs, and the command is sent meanwhile.
+# Timeout of a command that waits for a reading in progress; after it the command is sent concurrently.
 _PATIENCE_S = 0.012
-# Ticks whose joints wait to be noted while a part blocks; a longer past is of no use.
+# Length of the queue of joint states while a part blocks.
 _JOINTS_KEPT = 1000
 
 
 class ArrivingTarget(AroundTarget):
-    """A target that asks the sources itself, in the thread in which the planner calls it.
+    """A target that polls the sources in the planner's thread.
 
     Args:
         target: The person to look at.
-        arrivals: Asks the sources.
+        arrivals: Polls the sources.
 
     Attributes:
         finished: Whether the source has ended.
-        stopped: Set to ask no more.
+        stopped: Set to end polling.
     """
 
     def __init__(self, target: Target, arrivals: Arrivals) -> None:
@@ -40,11 +40,11 @@ class ArrivingTarget(AroundTarget):
         self.finished = self.stopped = False
 
     def note_joints(self, time_s: float, joints: JointEstimate) -> None:
-        """Keep where the joints were, see `Arrivals.note_joints`; may be called by another thread."""
+        """See `Arrivals.note_joints`; may be called by another thread."""
         self._joints.append((time_s, joints))
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """See `gazempc.loop.track.Target.take_in`; takes in what the sources have."""
+        """See `gazempc.loop.track.Target.take_in`; processes the observations of the sources."""
         if self.stopped:
             return
         while self._joints:
@@ -54,9 +54,9 @@ class ArrivingTarget(AroundTarget):
 
 
 class ReadAside:
-    """A robot whose joints are read in a thread of its own, once after each command.
+    """A robot whose joints are read in a separate thread, once after each command.
 
-    A driver is asked for one thing at a time. Only while a reading hangs, commands are sent during it.
+    Calls of the driver are mutually exclusive, except for commands during a reading beyond its timeout.
 
     Args:
         robot: The robot, connected.
@@ -84,7 +84,7 @@ class ReadAside:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Call the robot while its joints are not read, unless the reading hangs."""
+        """Exclusive access to the robot, unless a reading is beyond its timeout."""
         free = self._reading.acquire(timeout=0.0 if self._hangs else _PATIENCE_S)
         self._hangs = not free
         try:
@@ -102,11 +102,11 @@ class ReadAside:
             self._wake.set()
 
     def slow_calls(self, ended: bool) -> list[TimeoutError | None]:
-        """A reading that takes long, see `gazempc.loop.boundary.slow_calls`."""
+        """A slow reading, see `gazempc.loop.boundary.slow_calls`."""
         return slow_calls(self._thread.ident or 0, ended)
 
     def close(self) -> None:
-        """Close the robot; waits for a reading under way for a moment only."""
+        """Close the robot; waits only briefly for a reading in progress."""
         self._closed = True
         self._wake.set()
         self._thread.join(timeout=1.0)

@@ -8,21 +8,21 @@ from collections import deque
 
 import numpy as np
 
-# The last stretch is waited for actively: a sleeping process wakes up late by about this much.
+# Busy-wait at the end of a sleep: the wake-up latency of a process.
 _SPIN_S = 0.0005
-# Clocks of one machine drift apart by microseconds; more than this was a step.
+# Threshold of a step; clocks of one machine drift by microseconds.
 _STEP_S = 0.01
-# Some frame of each second comes with little delay; so many seconds are remembered.
+# Interval of a minimum, with at least one frame of small delay, and number of stored intervals.
 _PIECE_S, _PIECES = 1.0, 10
-# A fifth comes sooner than what counts as soonest: single frames have wrong stamps.
+# The minimum delay is estimated by the 1/5 quantile, robust to single wrong stamps.
 _SOONEST_SHARE = 5
 # Crystals differ by 0.1 ms a second, and NTP corrects by 0.5. Less than this is no drift; nor is what noise may be.
 _DRIFT_LEAST, _DRIFT_PIECES, _DRIFT_ERRORS, _SOONEST_ERROR_S = 0.002, 4, 5.0, 0.001
-# The other clock was set: by so much sooner, or by so much later, than any tracker is at times.
+# Thresholds of a step of the other clock to shorter and to longer delays, beyond delays of trackers.
 _SET_BACK_S, _SET_ON_S = 0.15, 2.0
-# A smaller step to later frames is believed after two seconds of them.
+# Duration after which a smaller step to longer delays is accepted, in intervals.
 _LATER_PIECES = 2
-# Delays are steady where those of half a second lie within this. Stamps in another unit run away by more.
+# Range of delays over half a second that counts as steady; stamps in another unit exceed it.
 _RECENT_S, _RECENT_LEAST_S, _RECENT_FRAMES, _STEADY_WITHIN_S = 0.5, 0.4, 5, 0.2
 _RECENT_MAX = 1000
 _AGAIN_AFTER_S = 0.1
@@ -32,7 +32,7 @@ class Clock(ABC):
     """The clock of a loop.
 
     Attributes:
-        is_real: Whether it advances with the computer's monotonic clock. A simulated clock stands still meanwhile.
+        is_real: Whether it advances with the computer's monotonic clock, or only in `sleep_until_s`.
     """
 
     is_real: bool
@@ -56,7 +56,7 @@ class Clock(ABC):
         return monotonic_s - self._start_s
 
     def unix_clock_stepped(self) -> bool:
-        """Whether the computer's Unix clock was set since the last call; Unix times are then read by the new one."""
+        """Whether the computer's Unix clock was stepped since the last call; the offset is then updated."""
         return False
 
 
@@ -89,7 +89,7 @@ class RealClock(Clock):
 
 
 class SimulatedClock(Clock):
-    """A clock that jumps to the time that is waited for: a live run at full speed, repeatable."""
+    """A clock that jumps to the end of each sleep: a live run at full speed, repeatable."""
 
     is_real = False
 
@@ -106,13 +106,13 @@ class SimulatedClock(Clock):
 
 
 class Envelope:
-    """The lower envelope of arrival minus stamp over the last 10 s: a straight line, as clocks run.
+    """Clock offset and drift: the lower envelope of arrival minus stamp over the last 10 s, a straight line.
 
     Attributes:
-        slope: By how much the stamps' clock runs slow, s/s; negative: fast; 0 where no drift is to be seen.
-        steady: Whether the delays of the last half second agree.
-        recent_s: The delay of those of them that came soonest, seconds.
-        resets: How often the other clock was set.
+        slope: Drift of the stamps' clock, s/s; positive: slow, negative: fast; 0 if it is not significant.
+        steady: Whether the delays of the last half second are consistent.
+        recent_s: Their minimum, seconds.
+        resets: Number of steps of the other clock.
     """
 
     def __init__(self) -> None:
@@ -122,10 +122,10 @@ class Envelope:
         self._forget()
 
     def add(self, arrival_s: float, delay_s: float) -> None:
-        """Take note of a frame.
+        """Add a frame.
 
         Args:
-            arrival_s: When it arrived, on our clock; not earlier than the one before.
+            arrival_s: Arrival time on the loop's clock; not decreasing.
             delay_s: Arrival minus stamp, seconds.
         """
         self._recent.append((arrival_s, delay_s))
@@ -137,13 +137,13 @@ class Envelope:
             self._judge(arrival_s)
 
     def at(self, time_s: float) -> float:
-        """The delay of the frames that come soonest.
+        """The minimum delay.
 
         Args:
-            time_s: When they arrive, seconds.
+            time_s: Arrival time, seconds.
 
         Returns:
-            Seconds; with the offset of the other clock in it.
+            Seconds; includes the offset of the other clock.
         """
         return self._level_s + self.slope * (time_s - self._fitted_s)
 
@@ -181,7 +181,7 @@ class Envelope:
         )
 
     def _usual_s(self, lows: list[tuple[float, float]], time_s: float) -> float:
-        """The median of pieces at another time: whatever one piece holds, it does not move it."""
+        """Median of the intervals, extrapolated to a time: robust to single intervals."""
         return float(np.median([low_s + self.slope * (time_s - at_s) for at_s, low_s in lows]))
 
     def _fit(self, now_s: float) -> None:
@@ -197,7 +197,7 @@ def _soonest(delays_s: list[float]) -> float:
 
 
 def _drift(times_s: np.ndarray, lows_s: np.ndarray) -> float:
-    """Slope of the line through the pieces' soonest frames; 0 where it may be noise."""
+    """Slope of the line through the minima of the intervals; 0 if it is not significant."""
     if times_s.size <= _DRIFT_PIECES:
         return 0.0
     times_s = times_s - times_s.mean()

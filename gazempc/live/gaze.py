@@ -1,4 +1,4 @@
-"""Live from Python: a program with a tracker drives a neck."""
+"""Python interface of live runs: a program with a tracker drives a neck."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Gaze:
                 gaze.see(frame.time_s, frame.head_m)
 
     The with-block owns a thread that sends commands within the neck's limits, at its servo rate. At the end of the
-    block, however it ends, the neck is braked within its limits and the robot is closed. A Gaze is used once.
+    block, also after an exception, the neck is braked within its limits and the robot is closed. A Gaze is used once.
 
-    What the thread raises is raised by the next `see`, or at the end of the block, after the neck was braked. What a
-    robot, predictor or controller raises is survived: see `events` and `faults`.
+    Exceptions of the thread are raised by the next `see`, or at the end of the block, after the neck was braked.
+    Exceptions of robot, predictor and controller become events: see `events` and `faults`.
 
     Args:
         neck: Name of a shipped neck, path of a TOML file, or a neck.
@@ -99,7 +99,7 @@ class Gaze:
         if self._run is not None:
             raise RuntimeError("this Gaze was used before: make another one for another with-block")
         self._run = run = LiveRun(self._setup, self._keep, self._listeners)
-        # No daemon: at the end of the program the neck is braked, too.
+        # Not a daemon thread: the neck is also braked at the end of the program.
         thread = threading.Thread(target=self._work, args=(run,), name="servo")
         try:
             run.start(self._stop)
@@ -129,7 +129,7 @@ class Gaze:
             try:
                 self._thread.join()
             except KeyboardInterrupt:
-                # One more Ctrl-C: the braking that is under way takes part of a second.
+                # After a further Ctrl-C, still wait for the braking, which takes a fraction of a second.
                 self._thread.join()
                 raise
             finally:
@@ -188,18 +188,18 @@ class Gaze:
         self._setup.cues.put(Sound(0.0, azimuth_rad))
 
     def think(self, lasts_s: float = 1.5) -> None:
-        """Look away as people do who think, as soon as the neck can; needs ``attend`` or ``look_away``.
+        """Gaze aversion of a thinking person, as soon as feasible; requires ``attend`` or ``look_away``.
 
         Args:
-            lasts_s: For how long there is no contact, seconds.
+            lasts_s: Duration without contact, seconds.
         """
         self._setup.cues.put(Thinking(lasts_s))
 
     def speech_starts(self, in_s: float) -> None:
-        """Hold the floor before an utterance: look away, and be back as it starts.
+        """Hold the floor before an utterance, by a gaze aversion that ends when it starts.
 
         Args:
-            in_s: Time until then, seconds; from 2 s on there is time to look away.
+            in_s: Time until the utterance, seconds; an aversion needs 2 s or more.
         """
         self._setup.cues.put(Speech(in_s))
 
@@ -207,16 +207,16 @@ class Gaze:
         """Glance at an object.
 
         Args:
-            target_base_m: Where it is in the base frame, shape (3,), metres.
-            lasts_s: For how long there is no contact with the person, seconds.
+            target_base_m: Position of the object in the base frame, shape (3,), metres.
+            lasts_s: Duration without contact with the person, seconds.
 
         Raises:
-            ValueError: If it is no position.
+            ValueError: If the position is invalid.
         """
         self._setup.cues.put(Glance(checked("target_base_m", target_base_m, (3,), "metres in the base frame"), lasts_s))
 
     def look_away(self, rhythm: LookAwayMode) -> None:
-        """Look away by another rhythm from now on.
+        """Change the rhythm of gaze aversion.
 
         Args:
             rhythm: ``listening``, ``speaking``, or ``told`` for none.
@@ -224,7 +224,7 @@ class Gaze:
         self._setup.cues.put(Rhythm(rhythm))
 
     def attend_to(self, person_id: str | None) -> None:
-        """Look at one person among several, as long as they are there, whatever the policy prefers; needs ``attend``.
+        """Attend one of several people while present, with precedence over the policy; requires ``attend``.
 
         Args:
             person_id: The tracker's name; None to follow the policy again.
@@ -234,18 +234,18 @@ class Gaze:
     def point(
         self, target_base_m: Any | None, min_duration_s: float = 0.0, max_velocity_rad_s: float = math.inf
     ) -> float:
-        """Look at a place, which outranks all people, until this is called with None.
+        """Look at a place, with precedence over all people, until the next call with None.
 
         Args:
-            target_base_m: Where it is in the base frame, shape (3,), metres; None to look at people again.
-            min_duration_s: Shortest duration of the motion, seconds.
-            max_velocity_rad_s: Highest speed of the gaze on the way, rad/s.
+            target_base_m: Position in the base frame, shape (3,), metres; None to look at people again.
+            min_duration_s: Minimum duration of the motion, seconds.
+            max_velocity_rad_s: Maximum angular speed of the gaze, rad/s.
 
         Returns:
-            Time until the joints have followed the way, seconds.
+            Time until the joints complete the motion, seconds.
 
         Raises:
-            ValueError: If it is no position, or a limit is none.
+            ValueError: If the position or a limit is invalid.
         """
         if target_base_m is None:
             self._setup.goal.place = None
@@ -258,7 +258,7 @@ class Gaze:
             )
         neck = self.neck
         eye_m, direction = gaze_ray(neck.geometry, neck.rest_rad if self._run is None else self._run.command_rad)
-        # The path begins where the joints can first follow it.
+        # The path starts after the delay of the joints.
         lag_s = float(np.max(neck.dead_time_s + neck.servo_lag_s))
         start_s = self._setup.clock.now_s() + lag_s
         place = Place.reached(target_m, eye_m, direction, start_s, min_duration_s, max_velocity_rad_s)
@@ -266,10 +266,10 @@ class Gaze:
         return lag_s + place.lasts_s
 
     def to_base(self, place_m: Any) -> FloatArray:
-        """A place in the neck's base frame, shape (3,), metres.
+        """Transform a place to the neck's base frame, shape (3,), metres.
 
         Args:
-            place_m: Where it is in the frame of a mount that does not move, shape (3,), metres.
+            place_m: Position in the frame of a fixed mount, shape (3,), metres.
         """
         return placed(self._setup.mount, self.neck, np.asarray(place_m, dtype=np.float64))
 
@@ -280,24 +280,24 @@ class Gaze:
 
     @property
     def attended(self) -> Attended | None:
-        """Who is looked at among several people, since when, and why; None without ``attend``."""
+        """The attended one of several people, with start time and reason; None without ``attend``."""
         target = self._setup.several
         several = target.several if isinstance(target, LookingAway) else None
         return None if several is None else several.attention.attended
 
     @property
     def joints(self) -> JointEstimate | None:
-        """Where the joints are, as estimated at the last tick; None before the first one."""
+        """Estimate of the joints at the last tick; None before the first one."""
         return None if self._run is None else self._run.joints
 
     @property
     def events(self) -> dict[str, int]:
-        """How often each event of `gazempc.loop.events` began, over the whole run."""
+        """Number of occurrences of each event of `gazempc.loop.events`, over the whole run."""
         return {} if self._run is None else self._run.logs.events
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is probably wrong with clock, unit, axes, rate or names, and what mends it; `see` warns of each once."""
+        """Probable errors of clock, unit, axes, rate or names, with remedies; `see` warns of each once."""
         return () if self._run is None else tuple(self._run.report.warnings)
 
     @property
@@ -307,19 +307,19 @@ class Gaze:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """The exceptions that were survived, each event once with its first traceback, over the whole run."""
+        """The exceptions caught over the whole run, each event once with its first traceback."""
         return () if self._run is None else self._run.logs.faults
 
     def log(self) -> Log:
-        """The log of what was so far; after the block of the whole run, with the stop.
+        """The log so far; after the block of the whole run, including the stop.
 
-        Memory does not grow: of a longer run it is the last ``keep_minutes`` (10 by default).
+        Bounded memory: of a longer run the last ``keep_minutes`` (10 by default).
 
         Returns:
             The log; `gazempc.results.metrics.measure` and the figures read it.
 
         Raises:
-            RuntimeError: If nothing has happened yet.
+            RuntimeError: If the log is empty.
         """
         if self._run is not None:
             self._run.logs.snapshot().result()

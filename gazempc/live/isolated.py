@@ -1,4 +1,4 @@
-"""A predictor in a process of its own: what holds the interpreter's lock there holds up no command here."""
+"""A predictor in a separate process: it cannot block commands by holding the global interpreter lock."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from predictors import Forecast, HeadObservation, Predictor
 
 
 class IsolatedPredictor:
-    """Passes each call to a predictor in another process, and waits for its answer without the lock.
+    """Proxy of a predictor in another process; waits for replies without the lock.
 
     Args:
-        make: Makes the predictor there; can be pickled.
+        make: Factory of the predictor; can be pickled.
 
     Attributes:
-        rejections_in_a_row: As the predictor has it after the last call.
+        rejections_in_a_row: The predictor's attribute after the last call.
     """
 
     def __init__(self, make: Callable[[], Predictor]) -> None:
         self.rejections_in_a_row = 0
-        # It ends with this process, or when nothing is left at this end of the line.
+        # The process ends with this one, or when this end of the pipe is closed.
         _, self._line = start_child("predictor", _serve, make)
         self.reset()
 

@@ -1,4 +1,4 @@
-"""Counts and logs of a live run, in constant memory: each log is made in the background."""
+"""Counters and logs of a live run, in constant memory; logs are made in the background."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ class Lateness:
         self.max_ms = 0.0
 
     def add(self, late_ms: float) -> None:
-        """Take note of one time, milliseconds; a negative one counts as 0."""
+        """Add a time, milliseconds; a negative one counts as 0."""
         self._counts[min(max(int(late_ms / _BIN_MS), 0), _BINS - 1)] += 1
         self.max_ms = max(self.max_ms, late_ms)
 
     @property
     def count(self) -> int:
-        """How many were noted."""
+        """Number of times."""
         return int(self._counts.sum())
 
     def beyond(self, limit_ms: float) -> int:
-        """How many were later than a limit, up to 1 s, to 10 microseconds."""
+        """Number of times above a limit, up to 1 s, with a resolution of 10 microseconds."""
         return int(self._counts[int(limit_ms / _BIN_MS) :].sum())
 
     def percentile_ms(self, percent: float) -> float:
-        """The upper edge of the bin that a percentile is in.
+        """The upper edge of the bin that contains a percentile.
 
         Args:
             percent: 0 to 100.
 
         Returns:
-            Milliseconds; 0 if nothing was noted, and the largest where it is beyond 1 s.
+            Milliseconds; 0 if empty; the maximum if it is beyond 1 s.
         """
         if not self.count:
             return 0.0
@@ -68,20 +68,20 @@ class Lateness:
 
 @dataclass
 class LiveReport:
-    """What a live run was like; grows with the number of kinds of trouble only, not with time.
+    """Statistics of a live run, of bounded size.
 
     Attributes:
-        ticks: Number of ticks done.
-        skipped_ticks: Ticks left out, as the one before took too long.
-        lateness: How much later than due the ticks began.
-        observations: Number of observations that arrived, readable or not.
-        problems: What arrived and could not be used, the first 20.
-        n_problems: How many there were.
-        warnings: What is probably wrong with the set-up: event, finding and correction of each kind.
-        least_age_s: Least age of the frames that come soonest, by their stamps, over the run, seconds; below 0 if they
-            are of the future.
-        greatest_age_s: The greatest.
-        stopped_by: Why the run ended.
+        ticks: Number of executed ticks.
+        skipped_ticks: Number of ticks skipped because the previous one was too long.
+        lateness: Histogram of the delays of ticks.
+        observations: Number of observations that arrived, valid or not.
+        problems: Texts of the first 20 invalid observations.
+        n_problems: Number of invalid observations.
+        warnings: Probable set-up errors: event, finding and correction of each kind.
+        least_age_s: Minimum over the run of the least age of frames, by their stamps, seconds; negative for stamps in
+            the future.
+        greatest_age_s: Maximum over the run of the same.
+        stopped_by: Reason for the end of the run.
     """
 
     ticks: int = 0
@@ -100,14 +100,14 @@ LogSink = Callable[[Log, ComputeTimes], None]
 
 
 class LiveLogs:
-    """Cuts what is recorded into logs and hands each one over.
+    """Splits the records into logs of bounded length.
 
-    The thread of the run records and cuts. Any thread may call `snapshot` and read the properties.
+    The thread of the run records and splits. Any thread may call `snapshot` and read the properties.
 
     Args:
         setup: The parts of the run.
-        sink: Takes each log as soon as it is complete, in a thread of its own.
-        listen: Gets each moment, in the thread of the run; None without listeners.
+        sink: Called with each complete log, in a separate thread.
+        listen: Called with each moment, in the thread of the run; None without listeners.
 
     Attributes:
         recorder: The recorder in use; another one after each cut.
@@ -130,7 +130,7 @@ class LiveLogs:
         self._used = 0
         self._refused: Counter[str] = Counter()
         self._faults: tuple[Fault, ...] = ()
-        # Cut, and not written yet.
+        # Complete, but not written yet.
         self._cut: list[LoopRecorder] = []
 
     def _new_recorder(self) -> LoopRecorder:
@@ -154,11 +154,11 @@ class LiveLogs:
 
     @property
     def due(self) -> bool:
-        """Whether it is time to cut."""
+        """Whether the log has reached its length."""
         return self.recorder.ticks >= self._log_ticks or bool(self._asked)
 
     def cut(self) -> None:
-        """End the log so far and hand it over to a thread: making it takes many ticks' time."""
+        """End the present log and pass it to a thread, as its construction takes many ticks."""
         true_joints, self._true_joints = self._true_joints, JointColumns(self._setup.neck.joints)
         with self._lock:
             recorder, self.recorder = self.recorder, self._new_recorder()
@@ -172,17 +172,17 @@ class LiveLogs:
                 self._listen(CutMoment())
             self._written.append(self._writer.submit(self._write, recorder, true_joints))
             if not self._setup.clock.is_real:
-                # A simulated run would be far ahead of its logs.
+                # Backpressure: a simulated run would be far ahead of its logs.
                 wait(self._written)
         for each in asked:
-            # The writer works in order: then the log above is kept.
+            # The writer is sequential: at this point the log above is stored.
             self._writer.submit(each.set_result, None)
 
     def snapshot(self) -> Future[None]:
-        """Ask for a cut at the next tick.
+        """Request the end of the log at the next tick.
 
         Returns:
-            Done once all that was recorded before this call is kept.
+            Resolved after all records before this call are stored.
         """
         kept: Future[None] = Future()
         with self._lock:
@@ -194,36 +194,36 @@ class LiveLogs:
 
     @property
     def events(self) -> dict[str, int]:
-        """How often each event began, over all logs."""
+        """Number of occurrences of each event, over all logs."""
         with self._lock:
             return dict(sorted((self._events + Counter(self.recorder.events)).items()))
 
     @property
     def used(self) -> int:
-        """How many observations the predictor was given, over all logs."""
+        """Number of observations used by the predictor, over all logs."""
         with self._lock:
             return self._used + self.recorder.used
 
     @property
     def refused(self) -> dict[str, int]:
-        """How many observations were not used, by the name of the event, over all logs; most first."""
+        """Number of refused observations by the name of the event, over all logs; most frequent first."""
         with self._lock:
             return dict((self._refused + Counter(self.recorder.refusals)).most_common())
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """The exceptions that were survived, over all logs."""
+        """The exceptions caught, over all logs."""
         with self._lock:
             known, recorders = self._faults, (*self._cut, self.recorder)
         return merge_faults((*known, *(fault for each in recorders for fault in each.faults)))
 
     def check(self) -> None:
-        """Raise what came up while a log was kept, such as a full disk."""
+        """Raise an exception of the writer, such as a full disk."""
         while self._written and self._written[0].done():
             self._written.popleft().result()
 
     def close(self) -> None:
-        """Hand the last log over and wait until all are kept."""
+        """Pass on the last log and wait until all are stored."""
         with self._lock:
             self._closed = True
         self.cut()

@@ -1,4 +1,4 @@
-"""Where the sensor is mounted, and what its observations are in the base frame."""
+"""Mounting pose of the sensor, and transformation of its observations to the base frame."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from gazempc.types import FloatArray
 from predictors import HeadObservation
 
 Axes = Literal["flu", "optical", "opengl", "unity"]
-# Rows: the package's x forward, y left, z up, each as a combination of the axes that the tracker has.
+# Rows: the package's x forward, y left, z up, as combinations of the tracker's axes.
 _AXES: dict[Axes, tuple[tuple[int, int, int], ...]] = {
     "flu": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
     "optical": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),
     "opengl": ((0, 0, -1), (-1, 0, 0), (0, 1, 0)),
     "unity": ((0, 0, 1), (-1, 0, 0), (0, 1, 0)),
 }
-# Observations older than this have no place in a live loop.
+# Length of the joint history: maximum age of observations in a live loop.
 _MEMORY_S = 2.0
 
 
@@ -52,12 +52,12 @@ class Mount(Settings):
 
     @property
     def moves(self) -> bool:
-        """Whether it moves with the joints."""
+        """Whether the sensor moves with the joints."""
         return self.on != "base"
 
     @property
     def turn(self) -> Rotation:
-        """From the sensor's frame to the one that it is fixed to."""
+        """Rotation from the sensor's frame to its parent frame."""
         return _turn(self.roll_pitch_yaw_deg)
 
     def in_sensor(self, observation: HeadObservation) -> HeadObservation:
@@ -75,7 +75,7 @@ class Mount(Settings):
         to_flu = np.array(_AXES[self.axes], dtype=np.float64)
 
         def renamed(quat: Rotation) -> Rotation:
-            # Between frames whose axes are renamed both; of left-handed ones, too.
+            # Change of basis on both sides; also valid for left-handed axes.
             return Rotation.from_matrix(to_flu @ quat.as_matrix() @ to_flu.T)
 
         return _changed(observation, self.unit_m * to_flu, np.zeros(3), renamed)
@@ -83,7 +83,7 @@ class Mount(Settings):
     def to_base(
         self, observation: HeadObservation, geometry: Geometry, angles_rad: FloatArray | None
     ) -> HeadObservation:
-        """An observation in the base frame.
+        """Transform an observation to the base frame.
 
         Args:
             observation: In the sensor's frame, see `in_sensor`.
@@ -98,7 +98,7 @@ class Mount(Settings):
             ValueError: If the sensor moves and the angles are None.
         """
         if self.on == "base" and not any(self.position_m + self.roll_pitch_yaw_deg):
-            return replace(observation)  # checked anew: a source may give one that no check has seen
+            return replace(observation)  # runs the validation again, as a source may bypass it
         turn = self.turn
         shift_m = np.array(self.position_m)
         if self.moves:
@@ -117,11 +117,11 @@ def _turn(roll_pitch_yaw_deg: tuple[float, float, float]) -> Rotation:
 
 
 def moved(observation: HeadObservation, turn: Rotation, shift_m: FloatArray) -> HeadObservation:
-    """An observation in another frame.
+    """Transform an observation to another frame.
 
     Args:
         observation: The observation.
-        turn: From its frame to the other one.
+        turn: Rotation from its frame to the other one.
         shift_m: Origin of its frame in the other one, shape (3,), metres.
 
     Returns:
@@ -149,16 +149,16 @@ def _changed(
 
 
 class JointHistory:
-    """Where the joints were in the last two seconds."""
+    """History of the joints over the last two seconds."""
 
     def __init__(self) -> None:
         self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def add(self, time_s: float, position_rad: FloatArray, velocity_rad_s: FloatArray) -> None:
-        """Take note of the joints.
+        """Add a joint state.
 
         Args:
-            time_s: When, seconds; later than the last one.
+            time_s: The time, seconds; strictly increasing.
             position_rad: Angles of all joints, shape (N,), radians.
             velocity_rad_s: Their velocities, shape (N,), rad/s.
         """
@@ -167,13 +167,13 @@ class JointHistory:
             self._past.popleft()
 
     def at(self, time_s: float) -> FloatArray | None:
-        """Where the joints were, linearly between two notes, and straight on after the last one.
+        """Joint angles at a time: linear interpolation, and extrapolation after the last entry.
 
         Args:
-            time_s: When, seconds.
+            time_s: The time, seconds.
 
         Returns:
-            Angles of all joints, shape (N,), radians; None for a time before the first note.
+            Angles of all joints, shape (N,), radians; None for a time before the first entry.
         """
         if not self._past or time_s < self._past[0][0]:
             return None
@@ -186,6 +186,6 @@ class JointHistory:
 
 
 def placed(mount: Mount, neck: NeckSpec, place_m: FloatArray) -> FloatArray:
-    """A place in the neck's base frame, shape (3,), metres; it is given in the frame of a mount that does not move."""
+    """Transform a place from the frame of a fixed mount to the neck's base frame, shape (3,), metres."""
     seen = mount.in_sensor(HeadObservation(0.0, np.array(place_m)))
     return mount.to_base(seen, neck.geometry, None).head_position_base_m

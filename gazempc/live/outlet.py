@@ -1,4 +1,4 @@
-"""Reports of whom the robot looks at: a line of JSON at each change, to a UDP address, a ROS 2 topic or a file."""
+"""Output of the attended person: a line of JSON at each change, to a UDP address, a ROS 2 topic or a file."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from gazempc.ros2.node import Ros2Node, message_type
 _OPTION = "--attention-out"
 _ACCEPTED = "udp:HOST:PORT, ros2:TOPIC, or a file FILE.jsonl"
 _TEXT = "std_msgs/msg/String"
-# Lines that wait for a disk that hangs.
+# Length of the queue while a sink blocks.
 _WAITING = 1000
-# The last lines are waited for at the end; they take milliseconds.
+# Timeout for the last lines at the end of a run.
 _LAST_SENT_S = 2.0
 _TIMES = ("since_s", "stays_until_s", "away_since_s", "away_until_s")
 
-# Opened by a with-statement, which gives what sends one line without its end, and may raise anything.
+# Context manager whose value sends one line, without line end; may raise any exception.
 Sink = AbstractContextManager[Callable[[str], None]]
 
 
 @contextmanager
 def _udp(host: str, port: int) -> Iterator[Callable[[str], None]]:
-    """A datagram a line; a missing receiver is no error."""
+    """A datagram a line; a missing receiver is not an error."""
     family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, socket.SOCK_DGRAM) as opened:
 
@@ -53,13 +53,13 @@ def _ros2(topic: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def _file(path: Path) -> Iterator[Callable[[str], None]]:
-    """Lines of a file, which begins anew."""
+    """Lines of a file, which is truncated first."""
     with path.open("w", encoding="utf-8") as file:
         yield lambda line: print(line, file=file, flush=True)
 
 
 def make_sink(word: str) -> Sink:
-    """The sink that a word names; not open yet.
+    """Make a sink from its name; not open yet.
 
     Args:
         word: ``udp:HOST:PORT``, ``ros2:TOPIC`` or a file's name with the ending ``.jsonl``.
@@ -68,7 +68,7 @@ def make_sink(word: str) -> Sink:
         The sink; opening it raises OSError, UnicodeError or Ros2Error if that is impossible.
 
     Raises:
-        SettingsError: If the word names none.
+        SettingsError: If the name is invalid.
     """
     kind, _, address = word.partition(":")
     host, _, port = address.rpartition(":")
@@ -82,10 +82,10 @@ def make_sink(word: str) -> Sink:
 
 
 class AttentionOutlet:
-    """Sends states within a with-block, in a thread of its own.
+    """Sends states within a with-block, in a separate thread.
 
     Args:
-        sink: Where they go.
+        sink: Receives the lines.
         clock: The loop's clock. Lines of a real one have Unix time, others the time of the loop.
     """
 
@@ -100,7 +100,7 @@ class AttentionOutlet:
         """Open the sink.
 
         Raises:
-            SettingsError: If that is impossible.
+            SettingsError: If it cannot be opened.
         """
         try:
             send = self._open.enter_context(self._sink)
@@ -111,7 +111,7 @@ class AttentionOutlet:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Report the end, and send what is left."""
+        """Report the end, and send all queued lines."""
         self.report(self._clock.now_s(), AttentionState(why="ended"))
         self._queue.put(None)
         self._thread.join(_LAST_SENT_S)
@@ -119,7 +119,7 @@ class AttentionOutlet:
             self._open.close()
 
     def report(self, now_s: float, state: AttentionState) -> Sequence[Exception]:
-        """Report whom the robot looks at; returns at once, and sends a line where something has changed.
+        """Report the state of attention; non-blocking; sends a line after a change.
 
         Args:
             now_s: The time, seconds.
@@ -147,7 +147,7 @@ def line_of(state: AttentionState, now_s: float, offset_s: float) -> str:
     Args:
         state: The state.
         now_s: The time, on the loop's clock, seconds.
-        offset_s: Unix time at which that clock began, seconds.
+        offset_s: Unix time of the clock's zero, seconds.
 
     Returns:
         The fields of the state, with ``time_s``; times are Unix time.

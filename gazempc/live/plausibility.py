@@ -1,4 +1,4 @@
-"""Checks of the tracker's data: positions, speed, rate and names that no person has, each finding once a run."""
+"""Plausibility checks of the tracker's data: position, speed, rate, names; each finding once a run."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ from gazempc.types import FloatArray
 _LEAST_FRAMES = 3
 # Range of heads that are tracked for eye contact.
 _FARTHEST_MEDIAN_M, _NEAREST_MEDIAN_M = 20.0, 0.15
-# Where people who are looked at mostly are.
+# Likely range of people, and a typical value.
 _LIKELY_M, _TYPICAL_M = (0.3, 10.0), 2.0
 _UNITS_M = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "a thousandth of metres": 1e3}
-# Steeper than any neck looks for a second; in optical axes all heads are there.
+# Elevation beyond the range of necks, as of heads in optical axes; and bound of a level direction.
 _STEEPEST_DEG, _LEVEL_DEG = 55.0, 35.0
 # A robot's pan axis and the person stand on one floor.
 _HIGHEST_MEDIAN_M = 2.2
-# Walking ends at 2.5 m/s; noise must not look like running.
+# Threshold of the median speed, above walking (2.5 m/s) plus noise; and its time base.
 _FASTEST_MEDIAN_M_S, _SPEED_OVER_S = 4.0, 0.25
 
 
 def judge_place(
     frames: Sequence[Frame], times_s: FloatArray, mount: Mount, hints: SetupHints, several: bool = False
 ) -> list[Finding]:
-    """Find out whether unit, axes and motion can be a person's.
+    """Check unit, axes and motion for plausibility.
 
     Args:
-        frames: The frames of the last second, in the order of arrival.
-        times_s: Their times, of capture if these can be believed, shape (F,), seconds.
-        mount: Where the sensor is.
+        frames: The frames of the last second, in order of arrival.
+        times_s: Their times (capture times if plausible), shape (F,), seconds.
+        mount: Mounting pose of the sensor.
         hints: Names of the settings in warnings.
         several: Whether the frames are of several people; their speed is not judged.
 
     Returns:
-        What is wrong; of a wrong unit or axes nothing that follows from it.
+        Findings; consequences of a wrong unit or wrong axes are omitted.
     """
     if len(frames) < _LEAST_FRAMES:
         return []
@@ -90,7 +90,7 @@ def _of_axes(turned_m: FloatArray, elevation_deg: float, hints: SetupHints) -> F
 
 
 def _named_axes(turned_m: FloatArray) -> Literal["optical", "opengl"] | None:
-    """The axes in which the head would be about level, if those of its forward axis taken for up are such."""
+    """The axes in which the head would be about level, if their forward axis is interpreted as up."""
     x_m, y_m, z_m = turned_m
     if z_m > 0 and _is_level(z_m, -x_m, -y_m):
         return "optical"
@@ -112,7 +112,7 @@ def _height(frames: Sequence[Frame], hints: SetupHints) -> list[str]:
 
 
 def _speed(frames: Sequence[Frame], times_s: FloatArray, sensor_m: FloatArray, hints: SetupHints) -> list[str]:
-    """Of the person who is named most often: others are elsewhere."""
+    """Check the speed of the person with the most frames: other people are elsewhere."""
     names = [frame.person_id for frame in frames]
     chosen = np.array([name == max(set(names), key=names.count) for name in names])
     if len(set(names)) > chosen.sum():
@@ -132,24 +132,24 @@ def _speed(frames: Sequence[Frame], times_s: FloatArray, sensor_m: FloatArray, h
     ]
 
 
-# Of so many frames nearly each has a name of its own.
+# Least number of frames, and share of distinct names in them.
 _NAMED_FRAMES, _OWN_NAME_SHARE = 6, 0.9
 
 
-# The shortest of the intervals are the tracker's own; people who are rarely found make the others longer.
+# Quantile of the intervals that estimates the tracker's period, as missed detections cause longer ones.
 _SHORTEST_SHARE, _RARE = 0.1, 0.6
 
 
 def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> list[Finding]:
-    """Find out whether frames come less often than six times a second.
+    """Check whether the frame rate is below six a second.
 
     Args:
-        times_s: Times of the frames, of capture if these can be believed, shape (F,), seconds.
-        lost_after_s: The loop brakes after so long without a frame, seconds.
+        times_s: Times of the frames (capture times if plausible), shape (F,), seconds.
+        lost_after_s: Time without a frame after which the loop brakes, seconds.
         hints: Names of the settings in warnings.
 
     Returns:
-        What is wrong.
+        Findings.
     """
     if not (hints.judges_rate and is_low_rate(times_s)):
         return []
@@ -166,14 +166,14 @@ def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> l
 
 
 def judge_ids(frames: Sequence[Frame], hints: SetupHints) -> list[Finding]:
-    """Find out whether every frame has another name.
+    """Check whether every frame has a different name.
 
     Args:
         frames: The frames of the last second.
         hints: Names of the settings in warnings.
 
     Returns:
-        What is wrong.
+        Findings.
     """
     names = [frame.person_id for frame in frames if frame.person_id is not None]
     if len(names) < _NAMED_FRAMES or len(set(names)) < _OWN_NAME_SHARE * len(names):
@@ -185,11 +185,11 @@ def judge_ids(frames: Sequence[Frame], hints: SetupHints) -> list[Finding]:
     return [Finding(Event.NEW_ID_EACH_FRAME, text)]
 
 
-# A robot's own head is within this of its pan axis, and no tracker sees a face farther off than the other.
+# Bounds of the range: a robot's own head is nearer, and no tracker detects farther faces.
 _NEAREST_M, _FARTHEST_M = 0.2, 30.0
-# No pan axis is higher over the floor than this: what is lower still is below the floor. No head is higher up, either.
+# Bound of the height relative to the pan axis: lower is below the floor, and no head is higher.
 _HIGHEST_M = 3.0
-# Sprinters reach 10 m/s, people in a room 3. Trackers jump; what flies in one direction for half a second is no jump.
+# Bound of the mean speed over half a second; sprinters reach 10 m/s, people in a room 3. Shorter jumps are tolerated.
 _FASTEST_M_S = 6.0
 _PARTS, _PART_S = 4, 0.125
 _MEMORY_S = _PARTS * _PART_S
@@ -198,21 +198,21 @@ _NAMES_MAX = 32
 
 
 class Plausibility:
-    """Judges heads in the base frame by their place and by how they have moved."""
+    """Plausibility of heads in the base frame, by position and speed."""
 
     def __init__(self) -> None:
         self._paths: dict[str | None, deque[tuple[float, FloatArray]]] = {}
 
     def refusal(self, capture_s: float, head_base_m: FloatArray, person_id: str | None) -> str:
-        """Why a head cannot be a person's.
+        """Reason to refuse a head.
 
         Args:
             capture_s: Time of capture, seconds.
-            head_base_m: Its place, shape (3,), metres.
-            person_id: How the tracker calls the person.
+            head_base_m: Position, shape (3,), metres.
+            person_id: The tracker's name of the person.
 
         Returns:
-            A sentence; empty if it can be.
+            A sentence; empty for a plausible head.
         """
         return out_of_place(head_base_m) or self._too_fast(capture_s, head_base_m, person_id)
 
@@ -233,7 +233,7 @@ class Plausibility:
         times_s = np.array([time_s for time_s, _ in path])
         marks = np.searchsorted(times_s, capture_s - _PART_S * np.arange(_PARTS, -1, -1), side="right") - 1
         if np.any(np.diff(marks) < 1):
-            return ""  # too few frames to distinguish a jump from steady motion
+            return ""  # too few frames to distinguish a jump from continuous motion
         heads_m = np.array([path[mark][1] for mark in marks])
         moved_m = heads_m[-1] - heads_m[0]
         way_m = float(np.linalg.norm(moved_m))
@@ -246,13 +246,13 @@ class Plausibility:
 
 
 def out_of_place(head_base_m: FloatArray) -> str:
-    """Why no head can be there.
+    """Reason to refuse a position.
 
     Args:
-        head_base_m: The place, shape (3,), metres.
+        head_base_m: The position, shape (3,), metres.
 
     Returns:
-        A sentence; empty if one can be.
+        A sentence; empty for a plausible position.
     """
     range_m, up_m = float(np.linalg.norm(head_base_m)), float(head_base_m[2])
     if range_m < _NEAREST_M:
@@ -274,13 +274,13 @@ _FRAMES_MAX = 1000
 
 
 class Watch:
-    """Keeps the frames of the last seconds and judges them.
+    """Keeps the frames of the last seconds and checks them.
 
     Args:
         clock: The loop's clock.
-        reader: How stamps are read; None if the source gives the loop's times.
-        mount: Where the sensor is, and its unit and axes.
-        settings: When the loop gives up on a frame or person.
+        reader: Reader of time stamps; None if the source provides times of the loop.
+        mount: Pose, unit and axes of the sensor.
+        settings: Timeouts of frames and tracks.
         hints: Names of the settings in warnings.
         several: Whether the frames are of several people.
     """
@@ -301,13 +301,13 @@ class Watch:
         self._reported: set[Event] = set()
 
     def see(self, frame: Frame) -> None:
-        """Take note of a frame, used or not."""
+        """Add a frame, used or not."""
         if self._due_s is None:
             self._due_s = frame.arrival_s + _FIRST_AFTER_S
         self._frames.append(frame)
 
     def findings(self, now_s: float) -> list[Finding]:
-        """What is probably wrong; each kind once in a run, and nothing before its time.
+        """Findings; each kind once in a run, after its minimum time.
 
         Args:
             now_s: The time, seconds.

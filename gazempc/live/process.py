@@ -1,4 +1,4 @@
-"""What a live run asks of its process: signals, real-time priority, thread switching, asynchronous warnings."""
+"""Process set-up of a live run: signals, real-time priority, thread switching, asynchronous warnings."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from multiprocessing.context import SpawnProcess
 from types import FrameType
 from typing import Any
 
-# Another thread must not hold the interpreter for longer than a tick can wait.
+# Switch interval of threads: bounds the delay of a tick by other threads.
 _SWITCH_S = 0.0005
-# Real-time priorities: of the servo, and of those whom it may have to wait for.
+# Real-time priorities: of the servo thread, and of threads for which it may have to wait.
 _SERVO, _OTHER_THREADS = 20, 10
-# Where processors are short, commands come first.
+# Niceness of child processes: commands have precedence.
 _NICE = 5
 
 
@@ -44,7 +44,7 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
         # lock itself, nor does it start a `threading.Thread`, which takes one.
         _thread.start_new_thread(stop.set, ())
         if times == 2:
-            # The third one is for a driver that hangs.
+            # The third signal is for a driver that hangs.
             for each in before:
                 signal.signal(each, signal.SIG_DFL)
 
@@ -61,7 +61,7 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
 
 @contextmanager
 def fast_switching() -> Iterator[None]:
-    """Threads take turns ten times as often as usual."""
+    """Thread switch interval of a tenth of the default."""
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH_S)
     try:
@@ -72,9 +72,9 @@ def fast_switching() -> Iterator[None]:
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """No search for garbage: it takes many ticks' time. What a run makes is given back by its references.
+    """Disable the cyclic garbage collector, which takes many ticks; reference counting frees a run's objects.
 
-    A program that had frozen its objects before finds them frozen again.
+    Objects frozen by the program before are frozen again afterwards.
     """
     gc.collect()
     frozen_before = gc.get_freeze_count() > 0
@@ -90,10 +90,10 @@ def without_collection() -> Iterator[None]:
 
 @contextmanager
 def real_time_priority() -> Iterator[None]:
-    """The calling thread, which sends commands, goes before other programs, where the system allows it.
+    """Real-time priority of the calling thread, which sends commands, if the system permits it.
 
-    So do all other threads of a program whose main thread it is. One that holds the interpreter must not wait for its
-    turn on a busy computer, as the commands would wait with it.
+    If it is the main thread, also of all other threads, against priority inversion: a thread that holds the interpreter
+    lock must not wait for a processor.
     """
     if not hasattr(os, "sched_setscheduler"):
         yield
@@ -102,7 +102,7 @@ def real_time_priority() -> Iterator[None]:
     whole = threading.current_thread() is threading.main_thread()
     threads = {each.native_id for each in threading.enumerate() if each.native_id} if whole else {mine}
     before = {}
-    # Root may do so, and who has a limit rtprio; threads end.
+    # Requires root or an rtprio limit; threads may have ended.
     with contextlib.suppress(PermissionError):
         for thread in sorted(threads):
             with contextlib.suppress(ProcessLookupError):
@@ -119,9 +119,9 @@ def real_time_priority() -> Iterator[None]:
 
 
 def before_other_programs() -> None:
-    """This thread, and all threads that it starts later, go before other programs where the system allows it.
+    """Real-time priority of this thread and all threads that it starts later, if the system permits it.
 
-    For a process whose only task is the run: the middleware of ROS 2 receives and sends in threads of its own.
+    For a dedicated process: the middleware of ROS 2 receives and sends in its own threads.
     """
     if hasattr(os, "sched_setscheduler"):
         with contextlib.suppress(PermissionError):
@@ -129,11 +129,11 @@ def before_other_programs() -> None:
 
 
 def start_child(name: str, target: Callable[..., None], *given: Any) -> tuple[SpawnProcess, Connection]:
-    """Start a process that yields to the run, outlives Ctrl-C, and ends when the run is gone.
+    """Start a child process of lower priority that ignores Ctrl-C and ends with the run.
 
     Args:
         name: Its name.
-        target: What it does; called with its end of a pipe and what is given.
+        target: Its function; called with its end of a pipe and the given arguments.
         given: Arguments; they are pickled.
 
     Returns:
@@ -160,7 +160,7 @@ def _second_to_the_run(target: Callable[..., None], *given: Any) -> None:
 
 
 def _end_with_parent() -> None:
-    """A parent that was killed cannot end this process, which would keep a camera or a port for ever."""
+    """End this process with its parent, also after a kill; else it would hold a camera or a port."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -171,7 +171,7 @@ _LOGGERS = ("gazempc.live", "gazempc.loop")
 
 
 class _Unformatted(QueueHandler):
-    """Hands records on as they are: the format of a traceback reads source files, tens of milliseconds."""
+    """Passes on unformatted records: formatting a traceback reads source files, tens of milliseconds."""
 
     def prepare(self, record: logging.LogRecord) -> logging.LogRecord:
         """See `logging.handlers.QueueHandler.prepare`."""
@@ -180,7 +180,7 @@ class _Unformatted(QueueHandler):
 
 @contextmanager
 def async_warnings() -> Iterator[None]:
-    """Warnings are written to standard error by a thread of their own."""
+    """Write warnings to standard error in a separate thread."""
     written = logging.StreamHandler()
     written.setFormatter(logging.Formatter("gazempc.live: WARNING %(message)s"))
     waiting: queue.SimpleQueue[logging.LogRecord] = queue.SimpleQueue()

@@ -1,4 +1,4 @@
-"""Robots of a live run or an identification: made by name, and brought to where commands may begin."""
+"""Robots of a live run or an identification: construction by name, and approach to the command limits."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ def make_robot(
     """Make a robot; it is not connected yet.
 
     Args:
-        choice: A shipped name or ``module:Class``. A constructor of your own may ask for ``neck``, ``clock_s`` (gives
-            the loop's time in seconds), ``clock``, ``position_rad`` and ``seed``.
-        options: Options of the shipped ones and of your own.
-        neck: Its limits; of a simulated one all that it is.
+        choice: A shipped name or ``module:Class``. A user's constructor may have the parameters ``neck``, ``clock_s``
+            (returns the loop's time in seconds), ``clock``, ``position_rad`` and ``seed``.
+        options: Options of shipped and user-defined robots.
+        neck: The neck; complete model of a simulated robot.
         clock: The loop's clock.
-        position_rad: Where a simulated one stands in the beginning, shape (N,), radians.
-        seed: Of a simulated one's encoder noise.
+        position_rad: Initial angles of a simulated robot, shape (N,), radians.
+        seed: Seed of the encoder noise of a simulated robot.
 
     Returns:
         The robot.
 
     Raises:
-        SettingsError: If there is no such robot, an option is wrong or a method is missing. Also if a robot that needs
-            real time gets another clock.
+        SettingsError: If there is no such robot, an option is invalid or a method is missing. Also for a simulated
+            clock with a robot that requires real time.
     """
     given: dict[str, Any] = {
         "neck": neck,
@@ -76,14 +76,14 @@ def make_robot(
     return robot
 
 
-# For so long the joints are asked for before the first command.
+# Timeout of the first reading.
 _FIRST_READING_S = 1.0
-# A first reading this far from now is stamped on another clock, such as Unix time.
+# Difference from the present time that indicates a stamp of another clock, such as Unix time.
 _OTHER_CLOCK_S = 10.0
 
 
 def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threading.Event) -> FloatArray | None:
-    """Read the joints; a first command elsewhere would be a step.
+    """Read the initial joint angles: a first command elsewhere would be a step.
 
     Args:
         robot: The robot, connected.
@@ -95,7 +95,7 @@ def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threadi
         Angles of all joints, shape (N,), radians; None if stopped before a reading came.
 
     Raises:
-        RobotError: If no reading can be used within 1 s.
+        RobotError: Without a valid reading within 1 s.
     """
     if not neck.reports_joints:
         return neck.rest_rad
@@ -120,7 +120,7 @@ def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threadi
 
 
 def go_in(robot: Robot, neck: NeckSpec, clock: Clock, start_rad: FloatArray, stop: threading.Event) -> None:
-    """Bring a neck from the last bit of its joints' range slowly to where commands may be.
+    """Move a neck slowly from the margin of its joints' range into the command limits.
 
     Args:
         robot: The robot, connected.
@@ -134,12 +134,12 @@ def go_in(robot: Robot, neck: NeckSpec, clock: Clock, start_rad: FloatArray, sto
         if stop.is_set():
             return
         clock.sleep_until_s(start_s + k * neck.servo_period_s)
-        # A joint that takes speeds is brought in by the position loop.
+        # The position loop moves a velocity-controlled joint into the limits.
         robot.send_command(np.where(neck.speed_joints, 0.0, command_rad))
 
 
 def _check_first(state: JointState, now_s: float) -> None:
-    """Refuse a reading without angles, or of another clock."""
+    """Refuse a reading without angles, or with a stamp of another clock."""
     if not np.all(np.isfinite(state.position_rad)):
         raise RobotError(f"read_state() returned position_rad {state.position_rad}, needed are finite radians")
     if abs(state.time_s - now_s) > _OTHER_CLOCK_S:
@@ -150,7 +150,7 @@ def _check_first(state: JointState, now_s: float) -> None:
 
 
 class MonotonicRobot:
-    """A robot whose readings are stamped with `time.monotonic`, as it was made before the loop's clock.
+    """Converts stamps of a robot from `time.monotonic` to the loop's clock.
 
     Args:
         inner: The robot.

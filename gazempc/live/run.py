@@ -32,31 +32,31 @@ from gazempc.results.moments import LateMoment, Moment, StatusMoment
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray
 
-# A moving command stops within limits long before.
+# Timeout of the stop within limits.
 _STOPPING_S = 5.0
 _STILL_RAD_S = 1e-9
-# Status lines are read by people.
+# Period of status lines.
 _STATUS_PERIOD_S = 0.25
 
 Listener = Callable[[Moment], None]
-# Takes the time, seconds, and whom the robot looks at; returns what could not be passed on before.
+# Called with the time, seconds, and the state of attention; returns exceptions of earlier reports.
 AttentionListener = Callable[[float, AttentionState], Sequence[Exception]]
 
 
 class LiveRun:
-    """One live run: `run`, or `start`, `serve` and `close` one after the other.
+    """One live run: `run`, or `start`, `serve` and `close` in this order.
 
-    The moments of the run are one stream: its logs record them, and each listener gets them.
+    The moments of the run are one stream, for logs and listeners.
 
     Args:
         setup: The parts of the run.
-        sink: Takes each log as soon as it is complete, in a thread of its own.
-        listeners: Get each moment in the thread of the run; must return at once. One that raises gets no more.
-        attention: Gets the state of attention at each tick, likewise; None for no report.
+        sink: Called with each complete log, in a separate thread.
+        listeners: Called with each moment in the thread of the run; must not block. Removed after an exception.
+        attention: Called with the state of attention at each tick; must not block; None for no report.
 
     Attributes:
-        report: Its counts so far.
-        logs: Its logs.
+        report: Counters of the run.
+        logs: Logs of the run.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class LiveRun:
 
     @property
     def command_rad(self) -> FloatArray:
-        """The command at the last tick, shape (N,), radians; where the neck rests before the first one."""
+        """The command at the last tick, shape (N,), radians; the rest angles before the first one."""
         return self._neck.rest_rad if self._smoother is None else self._smoother.command.position_rad
 
     def run(
@@ -178,7 +178,7 @@ class LiveRun:
             now_s = self._clock.now_s()
             late_ms = 1e3 * (now_s - due_s)
             self.report.lateness.add(late_ms)
-            # Ticks that are over by now are left out: late commands in a burst would be of no use.
+            # Skip missed ticks: a burst of late commands would have no effect.
             over = int((now_s - due_s) * rate_hz + 1e-6)
             self._emit(LateMoment(late_ms, over))
             self.report.skipped_ticks += over
@@ -198,7 +198,7 @@ class LiveRun:
                     speeds = smoother.command.velocity_rad_s
                     self._robot.send_command(np.where(self._neck.speed_joints, speeds, wanted_rad))
             except BaseException as error:
-                # Any exception, also an interrupt: the neck is braked before it is raised.
+                # Any exception, also an interrupt, is raised after the neck was braked.
                 if failure is None:
                     failure, stopping_at = error, now_s
                     self.report.stopped_by = "failure"
@@ -222,17 +222,17 @@ class LiveRun:
             if self._smoother is not None and self._neck.takes_speeds:
                 closing.callback(self._close, self._robot, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
             closing.callback(self._note_slow_calls, ended=True)
-            # First: it still uses the source.
+            # Closed first, as it uses the source.
             closing.callback(self._planner.close)
 
     def _stop_speeds(self) -> None:
-        # A joint holds its last speed for ever, and the position loop may have left a small one.
+        # A velocity-controlled joint holds its last speed, possibly a small output of the position loop.
         assert self._smoother is not None
         command_rad = self._smoother.command.position_rad
         self._robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
 
     def _close(self, part: Robot | Source, close: Callable[[], None], event: Event) -> None:
-        # It must not raise; an exception all the same must not hide how the run ended.
+        # An exception of `close` must not mask that of the run.
         with boundary(part, "close", lambda error: self.logs.recorder.event(self._clock.now_s(), event, error)):
             close()
 
@@ -253,7 +253,7 @@ class LiveRun:
                 with boundary(listener, "__call__"):
                     listener(moment)
             except PartError as error:
-                # First without it: this event is a moment, too.
+                # Remove the listener first: this event is also a moment.
                 self._listeners = tuple(each for each in self._listeners if each is not listener)
                 self.logs.recorder.event(self._clock.now_s(), Event.LISTENER_FAILED, error)
 
@@ -264,7 +264,7 @@ class LiveRun:
             index is not None and (now_s < self._status_due_s or index % per_plan != per_plan // 2)
         ):
             return
-        # After a pause not one after the other.
+        # No burst after a pause.
         self._status_due_s = max(self._status_due_s + _STATUS_PERIOD_S, now_s)
         command_rad, seen, plan = smoother.command.position_rad, loop.seen, loop.plan
         self._emit(
@@ -309,7 +309,7 @@ class LiveRun:
 
 
 def _open(what: str, call: Callable[[], None], refusal: type[GazempcError]) -> None:
-    """Open a robot or a source; any other exception of an own part becomes the promised error."""
+    """Open a robot or a source; other exceptions of a user-defined part are converted to `refusal`."""
     try:
         call()
     except (GazempcError, OSError, KeyboardInterrupt):

@@ -26,8 +26,8 @@ def main(arguments: Sequence[str] | None = None, stop: threading.Event | None = 
         stop: Set by the caller's signal handler. Without it this function handles the signals.
 
     Returns:
-        Exit status. 0: the run has stopped in order, also by a signal. 1: a limit violation. 2: bad input, or a robot
-        or source that cannot be opened.
+        Exit status. 0: regular end, also by a signal. 1: a limit violation. 2: bad input, or a robot or source that
+        cannot be opened.
     """
     words = sys.argv[1:] if arguments is None else arguments
 
@@ -55,7 +55,7 @@ def parse(words: Sequence[str]) -> LiveSettings:
         The settings, checked.
 
     Raises:
-        GazempcError: If settings do not go together, or a part of your own cannot be found.
+        GazempcError: If settings are incompatible, or a user-defined part is not found.
         SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
     """
     words, own = take_options(_with_view(words), RobotOptions.model_fields)
@@ -92,7 +92,7 @@ def _probe(settings: LiveSettings) -> None:
 
 
 def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
-    # Heavy libraries are imported only here, so that --help and bad input answer at once.
+    # Local imports of slow libraries: --help and error messages without delay.
     from gazempc.live.outlet import AttentionOutlet, make_sink  # noqa: PLC0415
     from gazempc.live.run import LiveRun  # noqa: PLC0415
     from gazempc.live.setup import build  # noqa: PLC0415
@@ -119,7 +119,7 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
         with fast_switching(), without_collection(), status, outlet or nullcontext(), async_warnings():
             run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
     except BaseException:
-        # The fault that ended the run is raised, also where its summary cannot be written.
+        # An exception of the summary must not mask that of the run.
         with suppress(Exception):
             kept.write(run)
         raise

@@ -1,4 +1,4 @@
-"""Settings of a live run, and which of them go together."""
+"""Settings of a live run, and checks of their compatibility."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S, VIEW_DEG
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
-# Sources whose time stamps are of another clock.
+# Sources with time stamps of another clock.
 STAMPED = ("stdin", "udp", "tcp", "ros2", "ros4hri")
 SOURCES = (
     "stdin, udp:PORT, udp:HOST:PORT, tcp:HOST:PORT, replay, bag:PATH, ros2:TOPIC, ros4hri, camera, camera:1, "
@@ -36,7 +36,7 @@ class MountedSettings(GazeSettings):
     motion: Motion = Field(default="robot", description=MOTION_MEANS)
     mount: Mount = Mount()
     use_ids: bool = Field(default=True, description="Use the tracker's names of people")
-    # A plan that is made in the background is there a little later.
+    # Computing delay of plans made in the background.
     loop: LoopSettings = LoopSettings(compute_delay_s=0.01)
     options: RobotOptions = RobotOptions()
 
@@ -106,13 +106,13 @@ class LiveSettings(MountedSettings, StageSettings):
 
     @property
     def recording(self) -> str | None:
-        """What is played: a recording or the folder of a bag; None where a person is there now."""
+        """The recording, or folder of a bag, to replay; None for a real person."""
         address = self.source.partition(":")[2]
         return {"replay": address or self.replay, "bag": address}.get(self.source_kind)
 
     @property
     def view_address(self) -> tuple[str, int]:
-        """Host and port of what is served."""
+        """Host and port of the viewer's server."""
         host, colon, port = self.view_at.partition(":")
         return host, int(port) if colon else PORTS[self.view or "web"]
 
@@ -124,12 +124,12 @@ class LiveSettings(MountedSettings, StageSettings):
 
     @property
     def simulated_robot(self) -> bool:
-        """Whether the robot lives in the loop's time."""
+        """Whether the robot uses the loop's time."""
         return keeps_any_clock(ROBOT, self.robot)
 
 
 def for_turning_camera(settings: LiveSettings) -> LiveSettings:
-    """Settings that follow from a camera that turns, where the user has left them at their defaults.
+    """Defaults for a turning camera, for settings that the user has not set.
 
     Args:
         settings: The settings.
@@ -147,10 +147,10 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
         if emulated and settings.framing.view_deg is None:
             found["framing"] = settings.framing.model_copy(update={"view_deg": VIEW_DEG})
     if settings.source_kind == "camera" and settings.mount == Mount():
-        # Its picture is that of the camera that turns.
+        # The picture is that of the turning camera.
         found["mount"] = Mount(on="head")
     if settings.source_kind == "camera" and settings.loop == MountedSettings.model_fields["loop"].default:
-        # Pictures from the network come up to a second late.
+        # Latency of network cameras: up to a second.
         found["loop"] = settings.loop.model_copy(update={"stale_after_s": 1.5, "lost_after_s": 2.0})
     if settings.source == f"camera:{EMULATOR}" and settings.camera == CameraOptions():
         found["camera"] = CameraOptions(fov_deg=FOV_DEG, latency_ms=1e3 * LATENCY_S)
@@ -158,14 +158,14 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
 
 
 def check(settings: LiveSettings) -> None:
-    """Refuse what does not go together.
+    """Check the settings for compatibility.
 
     Args:
         settings: The settings.
 
     Raises:
-        SettingsError: If a part of your own cannot be found, no chosen part takes an option, or two settings do not go
-            together.
+        SettingsError: If a user-defined part is not found, an option is not used by any part, or settings are
+            incompatible.
         SourceError: If there is no such source.
     """
     source, robot = settings.source_kind, settings.robot
@@ -223,7 +223,7 @@ def check(settings: LiveSettings) -> None:
 
 
 def _check_used(settings: LiveSettings, source: str) -> None:
-    """Refuse settings that the source does not use."""
+    """Refuse settings not used by the source."""
     taken_by = {"stamps": STAMPED, "allow": ("udp",), "camera": ("camera",), "passes": ("replay",)}
     if settings.recording is None:
         # Own robots and sources take the seed, too.

@@ -1,4 +1,4 @@
-"""Everything that a live run joins, made from settings or from objects of a program."""
+"""All parts of a live run, made from settings or from objects of a program."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ from gazempc.types import FloatArray, JointState
 from predictors import Predictor
 
 TrueHeadAt = Callable[[FloatArray], FloatArray]
-# A log takes some milliseconds to make, in which the servo thread may have to wait: a `Gaze` makes small ones.
+# Length of the logs of a `Gaze`: short, as the servo thread may have to wait while one is made.
 _GAZE_LOG_S = 30.0
 
 
@@ -77,21 +77,21 @@ class LiveSetup:
         about: Description of the run.
         neck: The neck model.
         predictor: Forecasts the head.
-        controller: Makes plans.
+        controller: Computes plans.
         robot: Executes commands. A simulated one has `true_state`, see `gazempc.robots.robot.Robot`.
-        source: Gives observations.
-        clock: The clock of all of these.
-        mount: Where the sensor is.
-        loop: Time-outs of the loop.
-        make_planner: Makes what asks the controller for plans; its thread, if any, starts with the run.
-        stamps: Reader of the source's time stamps; None if the source gives times of the loop.
-        use_ids: Whether the tracker's names of people count.
+        source: Provides observations.
+        clock: The clock of all parts.
+        mount: Mounting pose of the sensor.
+        loop: Timeouts of the loop.
+        make_planner: Factory of the planner; its thread, if any, starts with the run.
+        stamps: Reader of the source's time stamps; None if the source provides times of the loop.
+        use_ids: Whether the tracker's names of people are used.
         hints: Names of the settings in warnings.
-        several: Target that is one of several people, or from which the gaze looks away; None for one person.
+        several: Target with several people or with gaze aversion; None for one person.
         cues: Cues for that target.
-        goal: Place that outranks people.
-        more_sources: Give observations or cues besides the source, whose end is that of the run.
-        true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; NaN where unknown.
+        goal: Gaze goal with precedence over people.
+        more_sources: Further sources of observations or cues; the run ends with `source`.
+        true_head_base_m: Maps times, shape (H,), seconds, to true head positions, shape (H, 3), metres; NaN if unknown.
         log_s: Length of a log, seconds.
         notes: Notes on recording and neck for the user, a line each.
     """
@@ -177,17 +177,17 @@ def setup_of_gaze(
     predictor: str | Predictor,
     settings: dict[str, Any],
 ) -> tuple[LiveSetup, PushedSource, LiveGazeSettings]:
-    """Make the parts of a `gazempc.live.gaze.Gaze`, or make objects of a program ready.
+    """Make the parts of a `gazempc.live.gaze.Gaze`, or validate objects of a program.
 
     Args:
         neck: Name of a shipped neck, path of a TOML file, or a neck.
         robot: A shipped name, ``module:Class``, or a robot.
-        controller: The same of a controller.
-        predictor: The same of a predictor.
+        controller: A shipped name, ``module:Class``, or a controller.
+        predictor: A shipped name, ``module:Class``, or a predictor.
         settings: Settings by name.
 
     Returns:
-        The parts, the source that takes observations from the program, and the checked settings.
+        The parts, the source with observations from the program, and the checked settings.
 
     Raises:
         GazempcError: If a name does not exist, a file, setting or option is wrong, or a part lacks a method.
@@ -219,7 +219,7 @@ def _narrowed(neck: NeckSpec, settings: MountedSettings) -> NeckSpec:
     moved = with_motion(neck, settings.motion)
     narrow = narrowed(moved, settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing)
     if not (neck.reports_joints or np.array_equal(narrow.rest_rad, moved.rest_rad)):
-        # It is taken to stand at rest: a first command elsewhere would be a step.
+        # Assumed to be at rest: a first command elsewhere would be a step.
         raise SettingsError(
             f"loop.gaze_region_deg: neck {neck.name!r} reports no joints and starts at rest, at "
             f"{np.rad2deg(moved.rest_rad).round(1).tolist()} deg ({', '.join(neck.joint_names)}), to which the region "
@@ -239,7 +239,7 @@ def _joined(
     scene: Scene | None = None,
     seed: int = 0,
 ) -> LiveSetup:
-    """The parts that both ways of starting a run have in common; `chosen` by name or as objects."""
+    """The common parts of both ways to start a run; `chosen` by name or as objects."""
     own, cues, walk = settings.options.own, Cues(), None if scene is None else scene.walk
     true_head = None if walk is None else TrueHead(walk)
     person = Person() if walk is None else Person(walk.labels.subject, true_head)
@@ -265,7 +265,7 @@ def _joined(
         joints="measured",
     )
     setup = LiveSetup(about, neck, predictor, controller, ready, source, clock, settings.mount, settings.loop)
-    # Among several people the identity of each is not kept live.
+    # True identities of several people are not tracked live.
     if true_head is not None and scene is not None and not scene.others:
         setup = replace(setup, true_head_base_m=_on_loop_clock(true_head, source))
     several = make_target(chosen[0], predictor, neck, settings, own, cues) if settings.several else None
@@ -273,10 +273,10 @@ def _joined(
 
 
 def _margins(controller: Controller) -> list[str]:
-    """Joints of the neck file that leave too small a stability margin to the MPC."""
+    """Warnings about small stability margins of the MPC with the neck file."""
     if name_of(CONTROLLER, controller) != "mpc":
         return []
-    # Only here: another controller needs no CasADi.
+    # Local import: other controllers need no CasADi.
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
     from gazempc.margins.margins import too_small  # noqa: PLC0415
 
@@ -320,7 +320,7 @@ def _ros2_source(source: str, settings: MountedSettings, clock: Clock, stamps: S
 
 
 def _facing(scene: Scene) -> FloatArray:
-    """Start of a simulated neck: at the first head, or beside it, shape (N,), radians."""
+    """Initial angles of a simulated neck: at the first head, or beside it, shape (N,), radians."""
     truth = scene.walk.truth
     return scene.neck.command_limits.clip_position(scene.first_angles_rad(truth.head_position_m[truth.valid][0]))
 

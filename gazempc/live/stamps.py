@@ -1,4 +1,4 @@
-"""Capture times: from the tracker's clock to that of the loop; findings of wrong clocks, and their correction."""
+"""Capture times: conversion from the tracker's clock to the loop's, detection of clock errors, and correction."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class Stamps(Settings):
 
 
 class StampReader:
-    """Puts stamps on the loop's clock. One thread uses it.
+    """Converts stamps to the loop's clock. Not thread-safe.
 
     Args:
-        stamps: What the stamps are.
+        stamps: Clock and unit of the stamps.
         clock: The loop's clock.
     """
 
@@ -51,11 +51,11 @@ class StampReader:
         self._envelope = Envelope()
 
     def loop_s(self, stamp: float, arrival_s: float) -> float:
-        """A stamp on the loop's clock.
+        """Convert a stamp to the loop's clock.
 
         Args:
             stamp: In the unit of the settings.
-            arrival_s: When it came, on the loop's clock.
+            arrival_s: Arrival time on the loop's clock, seconds.
 
         Returns:
             Time of capture, seconds.
@@ -72,7 +72,7 @@ class StampReader:
         return stamp_s + self._envelope.at(arrival_s) - self.stamps.latency_s
 
     def now_loop_s(self, stamp: float) -> float:
-        """A stamp that came just now on the loop's clock, as `loop_s`.
+        """`loop_s` for a stamp that arrives now.
 
         Args:
             stamp: In the unit of the settings.
@@ -80,7 +80,7 @@ class StampReader:
         return self.loop_s(stamp, self._clock.now_s())
 
     def stamp(self, capture_s: float) -> float:
-        """The stamp that a time of capture was read from, where the clock is `unix` or `monotonic`.
+        """The inverse of `loop_s`, for the clocks `unix` and `monotonic`.
 
         Args:
             capture_s: On the loop's clock, seconds.
@@ -97,11 +97,11 @@ class Frame:
     """One observation as it arrived, whether it is used or not.
 
     Attributes:
-        arrival_s: When it arrived, on the loop's clock.
-        capture_s: Time of capture as read, on the loop's clock.
+        arrival_s: Arrival time on the loop's clock.
+        capture_s: Converted capture time on the loop's clock.
         sensor_m: Head in the sensor's frame, shape (3,), metres.
-        base_m: Head in the base frame, shape (3,), metres; None if it could not be brought there.
-        person_id: How the tracker calls the person.
+        base_m: Head in the base frame, shape (3,), metres; None if it could not be transformed.
+        person_id: The tracker's name of the person.
     """
 
     arrival_s: float
@@ -117,7 +117,7 @@ def shown(value: float) -> str:
 
 
 class Finding(NamedTuple):
-    """Something that is probably wrong.
+    """A probable error of the set-up.
 
     Attributes:
         event: Its kind.
@@ -134,8 +134,8 @@ class SetupHints:
 
     Attributes:
         python: Whether the user writes Python (`gazempc.live.gaze.Gaze`), or a command line.
-        own_source: Whether the source is one of the user's own, which makes the loop's times itself.
-        judges_rate: Whether the rate of frames is judged here; else the source does so.
+        own_source: Whether the source is a user-defined one, which makes the loop's times itself.
+        judges_rate: Whether the frame rate is checked here; else by the source.
     """
 
     python: bool = False
@@ -168,7 +168,7 @@ class SetupHints:
 _LEAST_S, _CLOCK_FRAMES = 0.3, 3
 # The loop refuses what is captured later than this after now.
 _AHEAD_S = 0.01
-# So near to a clock is a stamp of this clock: frames are late, by less than this, and clocks differ a little.
+# Bounds of the age of a stamp for assignment to a clock: latency, and synchronisation error.
 _LATE_S, _EARLY_S = 2.0, 0.2
 # Rates within this factor of a unit's are this unit.
 _SAME_RATE = 1.5
@@ -194,7 +194,7 @@ def judge_stamps(
     """Identify clock and unit of capture times.
 
     Args:
-        frames: The frames of the last second, in the order of arrival.
+        frames: The frames of the last second, in order of arrival.
         stale_after_s: Age on arrival from which on an observation is refused, seconds.
         reader: How stamps were read; None if the source gave the loop's times.
         clock: The loop's clock.
@@ -272,18 +272,18 @@ _SLOWEST_S = 2.0
 
 
 class ClockOffset:
-    """Watches how late frames are by their stamps, and shifts capture times that cannot be.
+    """Monitors the age of frames by their stamps, and corrects implausible capture times.
 
-    Frames from the future, and from more than 2 s ago, are of another clock. So are those that come sooner and sooner.
-    The age that was believed before is kept; without any the soonest frames are taken to be `latency_s` old. A clock
-    that is slow cannot be distinguished from a tracker that falls behind, and is not corrected.
+    Frames from the future, or older than 2 s, have stamps of another clock. So have frames of decreasing age. The last
+    plausible age is kept; without one the least age is assumed to be `latency_s`. A slow clock cannot be distinguished
+    from a tracker with growing delay, and is not corrected.
 
     Args:
         latency_s: Least time from capture to arrival, seconds.
         hints: Names of the settings in warnings.
 
     Attributes:
-        age_s: How old the soonest frames are by their stamps, seconds; negative if they are of the future.
+        age_s: Least age of frames by their stamps, seconds; negative for stamps in the future.
         finding: The correction in use, and the setting for it; None without one.
     """
 
@@ -297,14 +297,14 @@ class ClockOffset:
         self._believed_s = latency_s
 
     def shift_s(self, arrival_s: float, capture_s: float) -> float:
-        """Take note of a frame.
+        """Add a frame.
 
         Args:
-            arrival_s: When it arrived, seconds.
-            capture_s: Its time of capture as stated, on the loop's clock, seconds.
+            arrival_s: Arrival time, seconds.
+            capture_s: Stated capture time on the loop's clock, seconds.
 
         Returns:
-            What to add to the time of capture, seconds; 0 where the clock is believed.
+            Correction to add to the capture time, seconds; 0 for a plausible clock.
         """
         envelope = self._envelope
         envelope.add(arrival_s, arrival_s - capture_s)

@@ -24,7 +24,7 @@ _WAITING = 60
 
 
 class Status(NamedTuple):
-    """A status, and what has happened since the one before.
+    """A status, with the changes since the previous one.
 
     Attributes:
         time_s: Time since the first tick, seconds.
@@ -42,7 +42,7 @@ class Status(NamedTuple):
 
 
 class StatusLine:
-    """Prints the status in a thread of its own, within a with-block.
+    """Prints the status in a separate thread, within a with-block.
 
     Args:
         neck: The neck.

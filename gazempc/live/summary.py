@@ -1,4 +1,4 @@
-"""What remains of a live run: its logs on disk, `summary.json`, and the lines that people read."""
+"""Output of a live run: logs on disk, `summary.json`, report and text summary."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _REASONS = {
 
 
 class KeptLogs:
-    """Writes each log of a run, and remembers of it what the summary needs.
+    """Writes each log of a run, and keeps the data of the summary.
 
     Args:
         settings: Settings of the run; `out` is where to write.
@@ -219,7 +219,7 @@ def last_line(summary: dict[str, Any]) -> str:
 
 
 def _clock_hint(name: str, summary: dict[str, Any]) -> str:
-    """By how much the tracker's clock may be off, where that explains what was refused."""
+    """Possible offset of the tracker's clock, if it explains the refused observations."""
     least_s, greatest_s = summary["soonest_age_s"]
     off_s = 0.0
     if name == Event.FUTURE_OBSERVATION and least_s is not None and least_s < 0:

@@ -1,1 +1,1 @@
-"""Predictor, controller, smoother and robot in one loop. May import gazempc.controllers, people, robots, results."""
+"""The control loop: predictor, controller, smoother, robot. May import gazempc.controllers, people, robots, results."""

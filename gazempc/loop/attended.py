@@ -1,4 +1,4 @@
-"""Several people in the loop: all observations in, the forecast of the attended person out."""
+"""Multi-person target: tracks all people and forecasts the attended one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gazempc.settings import LoopSettings
 from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 
-# Period of decisions; half as often would still be within a frame of a camera.
+# Period of decisions: half the frame period of a camera, or less.
 _DECIDED_EVERY_S = 0.02
 _EVENTS = {
     Became.ENTERED: Event.PERSON_ENTERED,
@@ -30,21 +30,21 @@ _REFUSED = {Became.DUPLICATE: Event.SEEN_TWICE, Became.OUT_OF_ORDER: Event.OUT_O
 
 
 class AttendedPeople:
-    """Tracks all people, chooses the attended one, and offers the forecast of that person.
+    """Tracks all people, chooses the attended one, and forecasts that person.
 
     Args:
-        make_predictor: Makes one person's predictor.
-        attention: Chooses the person to look at.
-        settings: Ages at which observations and tracks are given up.
-        everyone: Forecast the middle of the box of all people who are there, in place of the attended person.
+        make_predictor: Factory of a predictor for each person.
+        attention: Chooses the attended person.
+        settings: Maximum ages of observations and tracks.
+        everyone: Forecast the centre of the bounding box of all people present, in place of the attended person.
 
     Attributes:
-        predictor: A predictor as each person has one.
+        predictor: An instance of the predictors in use.
         newest_capture_s: Capture time of the newest observation of the person attended now or last,
             seconds; None before the first one.
         newest: The newest observation of the attended person; None before the first one.
         people: All tracked people.
-        attention: Chooses the person to look at.
+        attention: Chooses the attended person.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class AttendedPeople:
 
     @property
     def state(self) -> AttentionState:
-        """The person attended, and the reason."""
+        """The attended person, and the reason."""
         attended, track = self.attention.attended, self._attended()
         decided = math.isfinite(attended.since_s)
         return AttentionState(
@@ -79,12 +79,12 @@ class AttendedPeople:
         )
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """Take in the observations that have arrived, and choose the person to look at.
+        """Update the tracks with the observations that have arrived, and choose the attended person.
 
         Args:
             sightings: Observations of all people, in the base frame.
             time_s: The time, seconds.
-            recorder: Records people who enter, changes of attention, and observations of the attended person.
+            recorder: Records new people, changes of attention, and observations of the attended person.
         """
         usable = []
         for sighting in sightings:
@@ -140,12 +140,12 @@ class AttendedPeople:
                 recorder.refused(Event.ANOTHER_PERSON)
 
     def _guarded(self, track: TrackedPerson, sighting: Sighting, time_s: float, recorder: LoopRecorder) -> bool:
-        """Judge a sighting of a person by those before; gives whether the tracker stands frozen."""
+        """Update the fault detectors with a sighting; returns whether the tracker is frozen."""
         if track.jumped:
             recorder.event(time_s, Event.ORIENTATION_JUMPED)
         frozen, goes_on = self._frozen.see(track.number, sighting)
         if goes_on:
-            # The track ends with half a second of repeated frames, in which the person seems to stand.
+            # The last half second of the track is repeated frames, a false standstill.
             track.begin_anew()
         return frozen
 

@@ -1,4 +1,4 @@
-"""The boundary of the loop to a part: every fault of a part, raised or returned, becomes one error with its class."""
+"""Fault isolation: any exception or invalid return value of a part becomes a `PartError` with the class of the part."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from gazempc.parts import error_line
 from gazempc.types import FloatArray
 from predictors import Forecast
 
-# Two turns, more than any joint of a neck makes: larger angles are of another unit or a fault. Speeds likewise.
+# Plausibility bounds: two turns, more than the range of any joint. Larger values are a wrong unit or a fault.
 _ANY_ANGLE_RAD, _ANY_SPEED_RAD_S = 4.0 * np.pi, 1e3
-# Recordings of people farther away are refused, too.
+# As for recordings.
 _ANY_DISTANCE_M = 1000.0
-# Forecasts reach a few seconds ahead, at most every servo period.
+# Bounds of a forecast: horizon, number of times.
 _ANY_HORIZON_S, _MOST_TIMES = 60.0, 5000
-# Longer calls are recorded: by then the plan in force is about to end.
+# Longer calls are recorded: they use up a quarter of a plan.
 SLOW_S = 0.1
 
 
 class PartError(Exception):
-    """A part raised an exception, or returned what cannot be used; its text names the class and the method.
+    """A part raised an exception, or returned an invalid value; the text names the class and the method.
 
     Attributes:
         error: The exception of the part, or of the check of its answer.
@@ -38,30 +38,30 @@ class PartError(Exception):
 
 
 class Call(NamedTuple):
-    """A call of a part: its name, such as ``MyPredictor.forecast()``, and when it began (`time.perf_counter`)."""
+    """A call of a part: name, such as ``MyPredictor.forecast()``, and start time (`time.perf_counter`)."""
 
     name: str
     began_s: float
 
 
-# By thread, so that the sending thread can name what another one waits for.
+# By thread, so that the sending thread can name the call that blocks another one.
 _under_way: dict[int, Call] = {}
 _slow: dict[int, str] = {}
 
 
 def class_of(part: object) -> str:
-    """Class of a part; of a wrapper, that of the part inside."""
+    """Class name of a part; for a wrapper, of the wrapped part."""
     inner = getattr(part, "wrapped", part)
     return type(inner).__name__ if inner is part else class_of(inner)
 
 
 class boundary:  # noqa: N801  (as `contextlib.suppress`)
-    """Call a part, and check what it returned, inside this context.
+    """Context of a call of a part and of the check of its result.
 
     Args:
         part: The part.
         method: The method that is called.
-        note: Takes the fault; the program goes on after the context. None: it is raised.
+        note: Called with the fault, which is then suppressed. None: the fault is raised.
 
     Raises:
         PartError: In place of any other exception, also of `SystemExit`; but not of an interrupt in the main thread,
@@ -98,14 +98,14 @@ class boundary:  # noqa: N801  (as `contextlib.suppress`)
 
 
 def slow_calls(thread: int, ended: bool = False) -> list[TimeoutError | None]:
-    """Calls of parts in a thread that take long.
+    """Slow calls of parts in a thread.
 
     Args:
-        thread: Its identifier.
-        ended: Whether the run has ended: a call that has not returned is then named, too.
+        thread: Identifier of the thread.
+        ended: Whether the run has ended: a call that has not returned is then included.
 
     Returns:
-        What to record of each, with its name and time; None for a call under way.
+        One error a call, with its name and duration; None for a call in progress.
     """
     call, finished = _under_way.get(thread), _slow.pop(thread, "")
     if finished:
@@ -122,13 +122,13 @@ def numbers(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
     Args:
         name: Name of the array, for the message.
         value: The array.
-        shape: The shape that it must have.
+        shape: Required shape.
 
     Returns:
         The array, in double precision.
 
     Raises:
-        ValueError: If it is anything else.
+        ValueError: If type, shape or values are invalid.
     """
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.shape == shape:
         return np.asarray(value, dtype=np.float64)
@@ -147,7 +147,7 @@ def checked_times(wanted_s: object, start_s: float) -> FloatArray:
         The times, shape (H,), seconds.
 
     Raises:
-        ValueError: If they are not finite, too far away or too many.
+        ValueError: If they are not finite, out of bounds or too many.
     """
     times_s = np.asarray(wanted_s)
     numbers("the array of times", times_s, (times_s.size,))
@@ -163,14 +163,14 @@ def checked_forecast(forecast: object, times: int) -> Forecast:
 
     Args:
         forecast: Answer of the predictor.
-        times: How many times were asked for.
+        times: Number of requested times.
 
     Returns:
         The forecast.
 
     Raises:
-        TypeError: If it is no forecast.
-        ValueError: If its numbers cannot be used.
+        TypeError: If it is not a forecast.
+        ValueError: If shapes or values are invalid.
     """
     if not isinstance(forecast, Forecast):
         raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
@@ -178,7 +178,7 @@ def checked_forecast(forecast: object, times: int) -> Forecast:
         raise ValueError(f"forecast() returned {np.size(forecast.times_s)} times, asked for were {times}")
     means_m = numbers("means_base_m", forecast.means_base_m, (times, 3))
     covariances_m2 = numbers("covariances_m2", forecast.covariances_m2, (times, 3, 3))
-    # An infinite variance is an honest answer; a NaN is none.
+    # An infinite variance is valid; NaN is not.
     if not np.isfinite(means_m).all() or np.isnan(covariances_m2).any():
         raise ValueError("forecast() returned positions that are not finite, or covariances with a NaN")
     if np.abs(means_m).max() > _ANY_DISTANCE_M:
@@ -197,9 +197,9 @@ def checked_plan(plan: object, joints: int) -> Plan:
         The plan.
 
     Raises:
-        TypeError: If it is no plan.
-        ValueError: If its arrays or events cannot be used.
-        ControllerError: If a number is not finite, or that of no neck; it has the event.
+        TypeError: If it is not a plan.
+        ValueError: If its arrays or events are invalid.
+        ControllerError: If a number is not finite or implausible for a neck; with the event.
     """
     if not isinstance(plan, Plan):
         raise TypeError(f"plan() returned {type(plan).__name__}, needed is a Plan")

@@ -1,4 +1,4 @@
-"""Predictor, controller and target of a run; parts are given by name or as objects."""
+"""Factories of predictor, controller and target, from names or objects."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ from predictors import Predictor
 from predictors.walker.model_file import load_walker_model, model_file, shipped_walker_model
 from predictors.walker.network import WalkerModel, WalkerModelError
 
-# A hundred times the model that ships.
+# A hundred times the size of the shipped model.
 _MOST_MODEL_BYTES = 50 * MEGABYTE
 
 
 @dataclass(frozen=True)
 class Person:
-    """Data of the person that a predictor may be made with.
+    """Data of the person, for the constructor of a predictor.
 
     Attributes:
-        name: Their name; with `walker.fitted` a folder, the model is one that has not seen them.
-        true_position_base_m: True positions, shape (H, 3), metres, at times, shape (H,), seconds; None where the
+        name: Name of the person; if `walker.fitted` is a folder, the model fitted without this person is chosen.
+        true_position_base_m: Maps times, shape (H,), seconds, to true positions, shape (H, 3), metres; None if the
             future is unknown.
     """
 
@@ -50,20 +50,20 @@ class Person:
 def make_predictor(
     choice: str | Predictor, settings: PredictorSettings, person: Person, options: dict[str, Any]
 ) -> Predictor:
-    """Make a predictor, or make an object of yours ready: it is tried out and reset.
+    """Construct a predictor, or validate and reset a given one.
 
     Args:
-        choice: A shipped name, ``module:Class`` or a predictor. A constructor of your own may ask for ``person`` (their
-            name) and ``true_position_base_m``.
-        settings: Parameters of the shipped ones.
-        person: Who walks.
-        options: Parameters of your own ones.
+        choice: A shipped name, ``module:Class`` or a predictor. A user's constructor may have the parameters ``person``
+            (the name) and ``true_position_base_m``.
+        settings: Parameters of shipped predictors.
+        person: The person who is tracked.
+        options: Parameters of user-defined predictors.
 
     Returns:
         The predictor.
 
     Raises:
-        SettingsError: If it cannot be made, or violates the interface of a predictor.
+        SettingsError: If construction fails, or the interface of a predictor is violated.
     """
     if not isinstance(choice, str):
         if name_of(PREDICTOR, choice) not in PREDICTOR.shipped:
@@ -92,20 +92,19 @@ def make_predictor(
 def make_controller(
     choice: str | Controller, neck: NeckSpec, settings: GazeSettings, options: dict[str, Any]
 ) -> Controller:
-    """Make a controller, or make an object of yours ready: it is tried out and reset.
+    """Construct a controller, or validate and reset a given one.
 
     Args:
-        choice: A shipped name, ``module:Class`` or a controller. A constructor of your own may
-            ask for ``neck``.
+        choice: A shipped name, ``module:Class`` or a controller. A user's constructor may have the parameter ``neck``.
         neck: The neck.
-        settings: Parameters of the shipped ones.
-        options: Parameters of your own.
+        settings: Parameters of shipped controllers.
+        options: Parameters of user-defined controllers.
 
     Returns:
         The controller.
 
     Raises:
-        SettingsError: If it cannot be made, violates the interface of a controller, or was made for another neck.
+        SettingsError: If construction fails, the interface of a controller is violated, or the neck differs.
     """
     if not isinstance(choice, str):
         check_same_neck(choice, neck)
@@ -143,13 +142,13 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
 
     Args:
         fitted: A model or a folder of models; None for the shipped one.
-        person: Who walks; of a folder, the model that has not seen them.
+        person: Name of the person; from a folder, the model fitted without this person is chosen.
 
     Returns:
         The model.
 
     Raises:
-        SettingsError: If there is none.
+        SettingsError: If there is no such model.
     """
     if fitted is None:
         return shipped_walker_model()
@@ -173,22 +172,22 @@ def make_target(
     cues: Cues | None = None,
     look_aways: LookAways | None = None,
 ) -> Target:
-    """Make the target of a run: one person or one of several, and the times of looking away.
+    """Make the target of a run: a single person or the attended one of several, with gaze aversion.
 
     Args:
         choice: The predictor of each of several people: an object is copied.
         ready: The predictor of a single person.
         neck: The neck.
-        settings: Policy of attention, and rhythm of looking away.
-        options: Parameters of parts of your own.
-        cues: Cues of a dialogue program.
-        look_aways: A given schedule of looking away; default: that of the settings.
+        settings: Attention policy, and rhythm of gaze aversion.
+        options: Parameters of user-defined parts.
+        cues: Cues of a dialogue system.
+        look_aways: Schedule of gaze aversion; default: from the settings.
 
     Returns:
         The target.
 
     Raises:
-        SettingsError: If the policy cannot be made.
+        SettingsError: If construction of the policy fails.
     """
 
     def another() -> Predictor:

@@ -1,4 +1,4 @@
-"""Rows that come one at a time, as columns: packed piece by piece, so that no tick waits for many at once."""
+"""Column store for rows appended one at a time: packed in blocks, to bound the time of each append."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gazempc.types import FloatArray, JointState
 
 Row = TypeVar("Row")
 Arrays = tuple[NDArray[Any], ...]
-# Packing so many takes a tenth of a tick. Packing the rows of minutes at once, or giving them back, takes twenty ticks.
+# Rows a block: packing takes a tenth of a tick. Packing or freeing the rows of minutes at once takes twenty ticks.
 _PIECE = 128
 _EMPTY = np.empty(0)
 
@@ -21,7 +21,7 @@ class PackedRows(Generic[Row]):
     """A table that grows by rows.
 
     Args:
-        pack: Makes arrays of rows, one a column, each with a row's values behind the first axis.
+        pack: Converts rows to arrays, one a column, with rows along the first axis.
     """
 
     def __init__(self, pack: Callable[[list[Row]], Arrays]) -> None:
@@ -46,7 +46,7 @@ class PackedRows(Generic[Row]):
 
 
 class JointColumns(PackedRows[JointState | None]):
-    """Readings of joints: times, shape (M,), positions and velocities, shape (M, N); NaN where there is none.
+    """Joint readings: times, shape (M,), positions and velocities, shape (M, N); NaN for missing ones.
 
     Args:
         joints: N, the number of joints.
@@ -63,7 +63,7 @@ def pack_states(states: Sequence[JointState | None], joints: int) -> Arrays:
     """Readings as arrays.
 
     Args:
-        states: The readings; None where there is none.
+        states: The readings; None for missing ones.
         joints: N, the number of joints.
 
     Returns:
@@ -79,5 +79,5 @@ def pack_states(states: Sequence[JointState | None], joints: int) -> Arrays:
 
 def pack_rows(rows: Sequence[FloatArray], columns: int) -> FloatArray:
     """Arrays of one length as rows, shape (M, columns)."""
-    # One after the other, which takes a fifth of the time of an array of arrays.
+    # Concatenation takes a fifth of the time of an array of arrays.
     return np.concatenate([_EMPTY, *rows]).reshape(-1, columns)

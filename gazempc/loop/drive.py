@@ -1,4 +1,4 @@
-"""Output to the robot for a motion of the command: angles, or speeds where an axis takes these."""
+"""Actuation: converts the command's motion to angles, or to speeds for velocity-controlled joints."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from gazempc.controllers.controller import AxisMotion
 from gazempc.neck.spec import Axis, NeckSpec
 from gazempc.types import FloatArray
 
-# A correction may take this share of the top speed: a joint that was pushed away comes back without a leap.
+# Bound of the position loop's output, as a share of top speed: slow return after an external displacement.
 _CORRECTION_SHARE = 0.1
 
 
 def speed_loop_gain(axis: Axis, period_s: float) -> float:
-    """Gain of the position loop of a joint that takes speeds, 1/s.
+    """Gain of the position loop of a velocity-controlled joint, 1/s.
 
-    Its time constant is the response time of the joint: the observer estimates the offset no faster.
+    Its time constant equals the response time of the joint, which bounds the bandwidth of the observer's offset.
 
     Args:
         axis: The joint.
@@ -25,40 +25,40 @@ def speed_loop_gain(axis: Axis, period_s: float) -> float:
 
 
 class _SpeedAxis:
-    """A joint that takes speeds: the derivative of the command, and a small position loop.
+    """Velocity-controlled joint: feedforward of the command's derivative, and a low-gain position loop.
 
-    The joint follows the integral of the speeds behind dead time and servo, as a joint that takes angles follows the
-    angles. A speed is held for a period, so over that period it leads to its middle on average.
+    Through dead time and servo, the joint follows the integral of the speeds, as a position-controlled joint follows
+    the angles. With zero-order hold, the mean angle over a period is the integral at its middle.
     """
 
     def __init__(self, axis: Axis, position_rad: float, period_s: float) -> None:
         self._period_s = period_s
         self._gain = speed_loop_gain(axis, period_s)
         self._fastest_rad_s = axis.velocity_max_rad_s
-        self._led_rad = self._meant_rad = position_rad
+        self._integral_rad = self._commanded_rad = position_rad
         self._speed_rad_s = 0.0
 
     def outgoing(self, motion: AxisMotion, offset_rad: float) -> float:
         self._speed_rad_s = motion[1]
         most = _CORRECTION_SHARE * self._fastest_rad_s
-        missing_rad = self._meant_rad - self._led_rad - offset_rad
+        missing_rad = self._commanded_rad - self._integral_rad - offset_rad
         speed = motion[1] + min(max(self._gain * missing_rad, -most), most)
         return min(max(speed, -self._fastest_rad_s), self._fastest_rad_s)
 
     def sent(self, speed_rad_s: float, got_through: bool) -> float:
-        middle_rad = self._led_rad + 0.5 * self._period_s * speed_rad_s
-        self._led_rad += self._period_s * speed_rad_s
+        middle_rad = self._integral_rad + 0.5 * self._period_s * speed_rad_s
+        self._integral_rad += self._period_s * speed_rad_s
         if got_through:
-            self._meant_rad += self._period_s * self._speed_rad_s
+            self._commanded_rad += self._period_s * self._speed_rad_s
         return middle_rad
 
 
 class Drive:
-    """Turns motions of the command into what the robot takes, and what was sent into the angles that it leads to.
+    """Converts motions of the command to the robot's inputs, and the inputs sent to the resulting angles.
 
     Args:
-        neck: The neck; an axis with ``command = "position"`` is sent the angle itself.
-        position_rad: Where the command starts, at rest, shape (N,), radians.
+        neck: The neck; for an axis with ``command = "position"`` the input is the angle.
+        position_rad: Initial command, at rest, shape (N,), radians.
     """
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
@@ -70,11 +70,11 @@ class Drive:
         self._takes_angle = np.array([axis is None for axis in self._axes])
 
     def outgoing(self, motions: tuple[AxisMotion, ...], offset_rad: FloatArray) -> FloatArray:
-        """The output.
+        """The input of the robot.
 
         Args:
             motions: The command's motions, one a joint.
-            offset_rad: Offsets of the joints from their commands, see `JointEstimate`, shape (N,), radians.
+            offset_rad: Steady-state errors of the joints, see `JointEstimate`, shape (N,), radians.
 
         Returns:
             Angles or speeds, shape (N,), radians or rad/s.
@@ -86,12 +86,12 @@ class Drive:
         """Account for one servo period of the accepted command.
 
         Args:
-            command: As the robot accepted it, shape (N,), radians or rad/s.
-            got_through: False where the command of this period was lost and the one before acts on.
+            command: As accepted by the robot, shape (N,), radians or rad/s.
+            got_through: False for a period without a command, in which the previous one still acts.
 
         Returns:
-            The angles that it leads to, without the offset, shape (N,), radians: the command of a joint that takes
-            angles and moves the same.
+            The resulting angles, without the offset, shape (N,), radians: the command of an equivalent
+            position-controlled joint.
         """
         if not self._speeds:
             return command
@@ -101,7 +101,7 @@ class Drive:
     def seen_by_controllers(self, sent_rad: FloatArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Commands sent and offsets in the coordinates of the controllers.
 
-        The offset of a joint that takes speeds is made up for here already; its commands count from where it is.
+        For a velocity-controlled joint the offset is compensated here: zero for controllers, and added to the commands.
 
         Args:
             sent_rad: Commands sent, as `sent` returns them, shape (M, N), radians.

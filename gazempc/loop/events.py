@@ -1,4 +1,4 @@
-"""Unusual events of a run: each has one name, as in the log."""
+"""Unusual events of a run, with their names in the log."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from enum import StrEnum
 
 
 class Event(StrEnum):
-    """An event of the loop. Its value is its name in the log; `meaning` explains it."""
+    """An event of the loop: the value is the name in the log, `meaning` a description."""
 
     meaning: str
 
     def __new__(cls, value: str, meaning: str) -> Event:
-        """Make a member of a name and its meaning."""
+        """Make a member from its name and meaning."""
         member = str.__new__(cls, value)
         member._value_ = value
         member.meaning = meaning

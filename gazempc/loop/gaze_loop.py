@@ -1,9 +1,9 @@
-"""The gaze loop joins all stages: observations in, and a command within limits out at every tick.
+"""The gaze loop: from observations to a command within limits at every tick.
 
-One call of `GazeLoop.tick` is one servo period. A replay calls it in simulated time, a live run in real time. The
-command follows the first of these that exists: a fresh plan, the rest of the last plan, a stop. After `rest_after_s`
-without the person, the neck slowly returns to rest. Faults are events of the log (`gazempc.loop.events`). The loop
-survives an exception of a part, and gives its text and first traceback to the recorder.
+`GazeLoop.tick` executes one servo period, in simulated time (replay) or real time (live run). Fallbacks of the command,
+in this order: a fresh plan, the rest of the previous plan, a stop. After `rest_after_s` without the person, the neck
+slowly returns to rest. Faults are events of the log (`gazempc.loop.events`). Exceptions of parts are caught and
+recorded, with text and first traceback.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray, JointState, Sighting
 from predictors import HeadObservation
 
-# Two-joint necks are not redundant: no other joint could take over from one that does not follow.
+# Two-joint necks are not redundant: no other joint can compensate one that does not follow.
 _PAN_AND_TILT = 2
-# Readings may wait for so long between the connection of a robot and the first tick.
+# Maximum time from the connection of a robot to the first tick: readings since then are valid.
 _STARTING_S = 1.0
 
 
 class GazeLoop:
-    """Joins target, controller, smoother and robot.
+    """Connects target, controller, smoother and robot.
 
     Args:
-        neck: The neck as modelled.
+        neck: Model of the neck.
         target: The person to look at.
-        planner: Asks the controller for plans.
-        smoother: Makes commands of plans; it holds the last command.
+        planner: Calls the controller for plans.
+        smoother: Converts plans to commands; holds the last command.
         robot: Executes the commands; connected.
         recorder: Records the run.
         settings: Timeouts of observations, plans and tracks.
@@ -73,7 +73,7 @@ class GazeLoop:
 
     @property
     def joints(self) -> JointEstimate | None:
-        """The joints at the last tick, as estimated; None before the first one."""
+        """Estimate of the joints at the last tick; None before the first one."""
         return None if self._observer is None else self._observer.estimate
 
     @property
@@ -87,14 +87,14 @@ class GazeLoop:
         return self._planning.current
 
     def tick(self, index: int, time_s: float, arrived: Iterable[Sighting], due_s: float | None = None) -> None:
-        """Do all that is due in one servo period.
+        """Execute one servo period.
 
         Args:
-            index: Number of the tick, larger than the last number; by more than 1 if ticks were skipped. Every
+            index: Number of the tick, strictly increasing; gaps are skipped ticks. Every
                 `NeckSpec.servo_ticks_per_plan`-th tick plans.
             time_s: The time, seconds.
             arrived: Observations that have arrived since the last tick.
-            due_s: Due time of a tick that is a little late. Commands are made for this time, so they do not jitter.
+            due_s: Nominal time of a late tick, for which commands are computed, to avoid jitter.
         """
         due_s = time_s if due_s is None else due_s
         recorder, planning = self._recorder, self._planning
@@ -112,7 +112,7 @@ class GazeLoop:
             self._began_s = time_s
         held = self._watch_joints(time_s, measured, plans)
         self._observer.update(time_s, measured, held)
-        # A reading from shortly before the first tick is no fault of the robot.
+        # Readings from the time between connection and first tick are valid.
         since_s = self._began_s - _STARTING_S
         if self._observer.refused and measured is not None and not since_s < measured.time_s < self._began_s:
             stands = f"read_state() returned {measured.position_rad.tolist()} rad at {measured.time_s:.3f} s"
@@ -120,7 +120,7 @@ class GazeLoop:
         if off := self._observer.off_command:
             self._blame(time_s, Event.JOINT_OFF_COMMAND, f"{self._names(off)} 10 degrees or more off")
         if not self._stopping:
-            # Before the request, too: a planner that has answered is free again.
+            # Also before the request: the planner is free after its answer is taken.
             planning.take_answers(index, time_s, recorder)
             if plans and not self._sender.silent:
                 planning.ask(index, time_s, due_s, self._observer.estimate, held, recorder)
@@ -129,27 +129,27 @@ class GazeLoop:
         wanted_rad = self._next_command(time_s, due_s)
         sent_rad = self._sender.send(wanted_rad, self._observer, time_s, recorder)
         if self._sender.silent:
-            # Pending plans start from a command that was not acknowledged: discard them.
+            # Pending plans start from an unacknowledged command.
             planning.drop(index)
         self._observer.sent(self._sender.sent)
         self._note_sent(sent_rad)
         recorder.tick(time_s, measured, sent_rad, self._smoother.motions)
 
     def record_to(self, recorder: LoopRecorder) -> None:
-        """Record to another recorder from now on."""
+        """Replace the recorder."""
         self._recorder = recorder
 
     def hand_on(self) -> None:
-        """Record what target and planner have noted since the last tick."""
+        """Flush the records of target and planner since the last tick."""
         self._planning.hand_on(self._recorder)
 
     def note_heads(self, sightings: Iterable[Sighting], time_s: float) -> None:
         """Limit the speed of the commands while a head is near (`LoopSettings.near_speed_max`).
 
-        All heads count, also one that is not looked at or refused: a limit for people does not wait for a track.
+        All detections count, also unattended or refused ones: this limit is independent of tracking.
 
         Args:
-            sightings: Heads that have been seen; may come from another thread.
+            sightings: Detected heads; may come from another thread.
             time_s: The time, seconds.
         """
         if self._settings.near_speed_max is None:
@@ -160,12 +160,12 @@ class GazeLoop:
                 self._near_until_s = time_s + self._settings.lost_after_s
 
     def stop(self) -> None:
-        """Give up planning: the following ticks stop the command."""
+        """End planning: the following ticks stop the command."""
         self._stopping = True
         self._planning.drop()
 
     def _watch_joints(self, time_s: float, measured: JointState | None, judges: bool) -> tuple[int, ...]:
-        # Joints that do not follow; this is judged as often as plans are made.
+        # Joints that do not follow; judged at the control rate.
         following = self._following
         following.measured(measured)
         if judges:
@@ -193,7 +193,7 @@ class GazeLoop:
         speed_limit_rad_s = math.inf if near is None or time_s > self._near_until_s else near[1]
         rest_speed_rad_s = min(self._settings.rest_speed_rad_s, speed_limit_rad_s)
         if self._sender.silent:
-            # Return to the last acknowledged angles at rest speed: no step of the command when the robot answers again.
+            # Return to the last acknowledged angles at rest speed: no command step when the connection is back.
             return self._smoother.step(due_s, _standing(self._sender.acknowledged_rad), rest_speed_rad_s)
         newest_s = self._target.newest_capture_s
         unseen_s = 0.0 if newest_s is None else time_s - newest_s

@@ -1,4 +1,4 @@
-"""Readings of the joints: unusable ones become events, and joints that do not follow their commands are found."""
+"""Joint readings: validation, and detection of joints that do not follow their commands."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import Robot, checked_reading
 from gazempc.types import BoolArray, FloatArray, JointState
 
-# The motion in this time is compared with the one that the commands should have caused.
+# Sliding window over which measured and expected motion are compared.
 _WINDOW_S = 0.6
-# A joint that should have moved by this much has moved, too: encoders are ten times as exact. Eyes that follow a walker
-# move by so much in every window.
+# Smallest expected motion that is judged: ten times the error of encoders. Eyes that follow a walker exceed it in every
+# window.
 _EXPECTED_RAD = math.radians(2.0)
-# A joint that follows shows more than this share of the expected motion.
+# Least ratio of measured to expected motion of a joint that follows.
 _SHARE = 0.2
-# With readings missing for a larger share of the window, measured and expected motion are of different times.
+# Above this share of missing readings in the window, measured and expected motion are not comparable.
 _UNREAD_SHARE = 0.2
 
 
 def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecorder) -> JointState | None:
     """Read the joints.
 
-    A driver is to raise `RobotError` only. The loop goes on with any exception, and with any other answer.
+    The contract of a driver allows `RobotError` only; here any exception or invalid reading becomes an event.
 
     Args:
         robot: The robot.
@@ -39,7 +39,7 @@ def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecor
         recorder: Records the event `robot_not_answering`.
 
     Returns:
-        The reading; None if there is none, or none that can be used.
+        The reading; None if it is missing or invalid.
     """
     with boundary(robot, "read_state", partial(recorder.event, time_s, Event.ROBOT_NOT_ANSWERING)):
         return checked_reading(robot.read_state(), neck)
@@ -47,11 +47,11 @@ def read_joints(robot: Robot, neck: NeckSpec, time_s: float, recorder: LoopRecor
 
 
 class FollowingWatch:
-    """Compares the motion of each joint with the one that its servo makes of the commands, over a sliding window.
+    """Compares the range of motion of each joint with that of its simulated servo, over a sliding window.
 
-    Offsets (gravity, a wrong zero) do not count, and neither does a dead time that is a little off: only motion is
-    compared. Commands alone would not do: a leap to and fro moves no joint. A held joint is taken to follow again
-    when it has moved by as much as would have to be expected.
+    Insensitive to offsets (gravity, a wrong zero) and to small errors of the dead time, as only motion is compared. The
+    servo model is needed because brief command pulses move no joint. A held joint is released when its range of motion
+    reaches the smallest one that is judged.
 
     Args:
         neck: The neck.
@@ -60,21 +60,21 @@ class FollowingWatch:
     def __init__(self, neck: NeckSpec) -> None:
         period_s = neck.servo_period_s
         self._ticks = math.ceil(_WINDOW_S / period_s)
-        # Plain numbers: arithmetic with numpy's takes several times as long.
+        # Python floats: NumPy scalars take several times as long.
         self._steps = [zero_order_hold(axis, period_s).tolist() for axis in neck.axes]
         self._delay_ticks: list[int] = np.rint(neck.dead_time_s / period_s).astype(int).tolist()
         self._sent: deque[list[float]] = deque(maxlen=max(self._delay_ticks) + 1)
-        # Angle and velocity of each joint as its servo makes them of the commands.
+        # Simulated angle and velocity of each joint.
         self._states: list[tuple[float, float]] = []
         self._expected: deque[list[float]] = deque(maxlen=self._ticks)
         self._measured: deque[FloatArray] = deque(maxlen=self._ticks)
         self._unread_ticks = 0
         self._stands: BoolArray = np.zeros(neck.joints, dtype=np.bool_)
-        #: Joints that do not follow, by their place in `NeckSpec.joint_names`, ascending.
+        #: Indices in `NeckSpec.joint_names` of joints that do not follow, ascending.
         self.held: tuple[int, ...] = ()
 
     def sent(self, command_rad: FloatArray) -> None:
-        """Take in the angles that the command of this servo period leads to, shape (N,), radians."""
+        """Add the angles commanded in this servo period, shape (N,), radians."""
         sent = command_rad.tolist()
         self._sent.append(sent)
         if not self._states:
@@ -87,14 +87,14 @@ class FollowingWatch:
         self._expected.append([angle for angle, _ in self._states])
 
     def measured(self, state: JointState | None) -> None:
-        """Take in the reading of this servo period; None without one."""
+        """Add the reading of this servo period; None for a missing one."""
         self._unread_ticks += 1
         if state is not None and np.isfinite(state.position_rad).all():
             self._measured.append(state.position_rad)
             self._unread_ticks = 0
 
     def judge(self) -> None:
-        """Decide which joints do not follow, once the window is full; kept while readings are missing."""
+        """Update `held` once the window is full; unchanged while readings are missing."""
         if (
             self._unread_ticks > _UNREAD_SHARE * self._ticks
             or len(self._expected) < self._ticks

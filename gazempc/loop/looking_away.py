@@ -1,4 +1,4 @@
-"""A target that is looked away from now and then; it is tracked all the time."""
+"""Gaze aversion as a wrapper of a target, which is tracked all the time."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from predictors import Forecast
 
 
 class LookingAway(AroundTarget):
-    """Puts looks away into a target's forecasts, so that any controller plans the way there and back ahead of time.
+    """Inserts gaze aversions into a target's forecasts, so that any controller plans the shifts with preview.
 
     Args:
-        target: The target at all other times.
-        look_aways: When to look away.
-        cues: Cues of a program; None without one.
+        target: The wrapped target.
+        look_aways: Schedule of gaze aversion.
+        cues: Cues of a program; None for no program.
     """
 
     def __init__(self, target: Target, look_aways: LookAways, cues: Cues | None = None) -> None:
@@ -45,7 +45,7 @@ class LookingAway(AroundTarget):
             time_s: The time, seconds.
 
         Returns:
-            The state; asking changes nothing.
+            The state; this query has no side effect.
         """
         state = AttentionState(why="one") if self.several is None else self.several.state
         away = self._look_aways.going_on(time_s)
@@ -79,14 +79,14 @@ class LookingAway(AroundTarget):
             self._look_aways.glance(time_s, cue.target_base_m, self._person_base_m, cue.lasts_s)
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
-        """See `gazempc.loop.track.Target.forecast`: where to look, which is elsewhere than the person at times."""
+        """See `gazempc.loop.track.Target.forecast`: the person, or the gaze target of an aversion."""
         forecast = self._target.forecast(times_s, time_s, recorder)
         if forecast is None:
             return None
         self._person_base_m = forecast.means_base_m[0]
         composed = self._look_aways.into(forecast, time_s)
         for each in self._look_aways.planned(time_s):
-            # Once it has begun it is carried out.
+            # An aversion that has begun is completed, so it can be recorded.
             if self._recorded_s < each.start_s <= time_s:
                 self._recorded_s = each.start_s
                 recorder.looks_away(each.start_s, each.end_s, each.why)

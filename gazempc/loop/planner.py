@@ -1,4 +1,4 @@
-"""Asks for forecasts and plans, at once or in the background, so that a slow part never holds up a command."""
+"""Calls predictor and controller, synchronously or in a thread, so that a slow part does not delay commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gazempc.controllers.controller import Controller, ControllerError, Plan, Si
 from gazempc.loop.boundary import PartError, boundary, checked_plan, slow_calls
 from gazempc.loop.events import Event
 
-# Makes the situation for which to plan, which needs a forecast; None without one.
+# Computes the controller's input, forecast included; None without a forecast.
 Situate = Callable[[], Situation | None]
 
 
@@ -23,10 +23,10 @@ class Answer:
 
     Attributes:
         due_index: Tick at which the plan's first command is to be sent.
-        plan: The plan; None if there is none.
-        event: Why there is none, as it stands in the log; else empty.
-        error: The exception behind the event, if there was one.
-        plan_ms: How long forecast and plan took, milliseconds.
+        plan: The plan; None after a failure.
+        event: Name of the event of a failure; else empty.
+        error: The exception that caused the event, if any.
+        plan_ms: Computing time of forecast and plan, milliseconds.
     """
 
     due_index: int
@@ -37,10 +37,10 @@ class Answer:
 
 
 class ImmediatePlanner:
-    """Takes observations in, and takes one request at a time; plans within `request`, for replays in simulated time.
+    """Synchronous planner for replays in simulated time: computes within `see` and `request`.
 
     Args:
-        controller: Makes the plans.
+        controller: Computes the plans.
 
     Attributes:
         controller: The same.
@@ -51,45 +51,45 @@ class ImmediatePlanner:
         self._answered: list[Answer] = []
 
     def see(self, take_in: Callable[[], None]) -> None:
-        """Take observations in, before the next plan."""
+        """Run a function that updates the predictor, before the next plan."""
         take_in()
 
     def request(self, due_index: int, situate: Situate) -> bool:
-        """Ask for a plan.
+        """Request a plan.
 
         Args:
             due_index: Tick at which its first command is to be sent.
-            situate: Makes the controller's input.
+            situate: Computes the controller's input.
 
         Returns:
-            False if the last request has not been answered yet; this one is then not taken.
+            False if the previous request is still pending; this one is then rejected.
         """
         self._answered += _ask(self.controller, due_index, situate)
         return True
 
     def answers(self) -> list[Answer]:
-        """What has been answered since the last call."""
+        """Answers since the last call."""
         answered, self._answered = self._answered, []
         return answered
 
     def slow_calls(self, ended: bool) -> list[TimeoutError | None]:
-        """Calls of parts that take long, see `gazempc.loop.boundary.slow_calls`; here computing takes no time."""
+        """Slow calls, see `gazempc.loop.boundary.slow_calls`; none here, as computing takes no simulated time."""
         return []
 
     def close(self) -> None:
-        """End it; never raises."""
+        """Release the planner; never raises."""
 
 
 class BackgroundPlanner:
-    """The same in a thread of its own, for a real clock; while a call is under way, only the newest frame is kept.
+    """Planner in a thread, for real time; during a call only the newest frame is kept.
 
     Args:
-        controller: Makes the plans; its methods are called by this thread only.
+        controller: Computes the plans; its methods are called by this thread only.
     """
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
-        # Mailboxes with one place each; the event wakes the thread up.
+        # Queues of length one; the event wakes the thread.
         self._take_in: deque[Callable[[], None]] = deque(maxlen=1)
         self._asked: deque[tuple[int, Situate]] = deque(maxlen=1)
         self._wake = threading.Event()
@@ -117,7 +117,7 @@ class BackgroundPlanner:
         """See `ImmediatePlanner.answers`.
 
         Raises:
-            BaseException: A fault of the program in the thread, which has ended.
+            BaseException: An internal error that has ended the thread.
         """
         found: list[Answer] = []
         while not self._answered.empty():
@@ -133,7 +133,7 @@ class BackgroundPlanner:
         return slow_calls(self._thread.ident or 0, ended)
 
     def close(self) -> None:
-        """See `ImmediatePlanner.close`; waits for a call under way for a moment only."""
+        """See `ImmediatePlanner.close`; waits only briefly for a call in progress."""
         self._closed = True
         self._wake.set()
         self._thread.join(timeout=1.0)

@@ -1,4 +1,4 @@
-"""Plans are asked for in time and wait until their first tick; until then the plan before them is in force."""
+"""Schedule of plans: requested one computing delay ahead, and put in force at their first tick."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from gazempc.types import Sighting
 
 
 class Planning:
-    """Forecast and plan for the tick at which the plan will be ready.
+    """Requests forecast and plan for the tick at which the plan will be ready.
 
     Args:
-        neck: The neck as modelled.
+        neck: Model of the neck.
         target: The person to look at.
-        planner: Asks the controller.
-        smoother: Has the last command.
-        sender: Has the commands sent.
-        settings: Computing delay and time until a person is lost.
+        planner: Calls predictor and controller.
+        smoother: Holds the last command.
+        sender: Holds the history of commands.
+        settings: Computing delay, and timeout of a track.
 
     Attributes:
         current: The plan in force; None without one.
@@ -52,33 +52,33 @@ class Planning:
         self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
         self._settled = settled_joints(neck, self._delay_ticks)
         self._asked_capture_s = -math.inf
-        # The planner may take observations in and forecast in another thread.
+        # The planner may run in another thread.
         self._notes = LaterRecorder()
-        # First tick, plan, capture time of the newest observation behind it.
+        # First tick, plan, capture time of its newest observation.
         self._waiting: deque[tuple[int, Plan, float]] = deque()
         self._refused_until = -1
         self.current: Plan | None = None
 
     def drop(self, until_index: int = -1) -> None:
-        """Drop the plan in force and all that wait; also answers to come that are due up to a tick plus the delay."""
+        """Discard the plan in force, all pending plans, and future answers due up to a tick plus the delay."""
         self.current = None
         self._waiting.clear()
         if until_index >= 0:
             self._refused_until = until_index + self._delay_ticks
 
     def see(self, arrived: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """Take observations in; see `gazempc.loop.planner.ImmediatePlanner.see`.
+        """Update the target with observations; see `gazempc.loop.planner.ImmediatePlanner.see`.
 
         Args:
             arrived: Observations that have arrived.
             time_s: The time, seconds.
-            recorder: Records what was taken in so far.
+            recorder: Receives the records so far.
         """
         self._planner.see(lambda: self._target.take_in(arrived, time_s, self._notes))
         self.hand_on(recorder)
 
     def hand_on(self, recorder: LoopRecorder) -> None:
-        """Hand on to the recorder what target and planner have recorded so far."""
+        """Flush the records of target and planner to the recorder."""
         self._notes.hand_on(recorder)
 
     def ask(
@@ -96,9 +96,9 @@ class Planning:
             index: Number of the tick.
             time_s: The time, seconds.
             due_s: Due time of the tick, seconds.
-            joints: The joints as estimated.
+            joints: Estimate of the joints.
             held: Joints that do not follow.
-            recorder: Records why there is no request.
+            recorder: Records the reason if no plan is requested.
         """
         period_s = self._neck.servo_period_s
         start_s = due_s + self._delay_ticks * period_s
@@ -142,14 +142,14 @@ class Planning:
             recorder.event(time_s, Event.LATE_PLAN)
 
     def _committed(self, index: int, time_s: float) -> CommandState:
-        # Until a plan takes effect the smoother follows the one before it, which may itself be waiting still.
+        # Until the new plan takes effect the smoother follows its predecessor, which may itself be pending.
         plan = next((waiting for due, waiting, _ in reversed(self._waiting) if due <= index), self.current)
         if plan is None or time_s >= plan.end_s:
             return self._smoother.command
         return plan.at(time_s)
 
     def take_answers(self, index: int, time_s: float, recorder: LoopRecorder) -> None:
-        """Take in what the planner has answered: plans wait for their first tick.
+        """Queue the plans that the planner has computed, until their first tick.
 
         Args:
             index: Number of the tick.
@@ -177,7 +177,7 @@ class Planning:
         self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))
 
     def begin(self, index: int, time_s: float, recorder: LoopRecorder) -> None:
-        """Put the plan in force whose first tick has come.
+        """Put the plan whose first tick is due in force.
 
         Args:
             index: Number of the tick.

@@ -1,4 +1,4 @@
-"""A place that outranks people as long as it is set: the goal of a head action, or of a program."""
+"""A gaze goal with precedence over people: from a ROS head action or a program."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from gazempc.people.aversion import PEAK_VELOCITY, minimum_jerk
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast
 
-# Commands follow the path with a little overshoot.
+# Share of the speed limit that a path uses, with room for overshoot.
 _SPEED_SHARE = 0.85
-# A place is exact; a forecast needs an invertible covariance.
+# Small, but positive: a forecast needs an invertible covariance.
 _VARIANCE_M2 = 1e-6
 
 
@@ -26,11 +26,11 @@ class Place:
     """A place to look at, reached at once or along a path.
 
     Attributes:
-        target_base_m: Where it is, shape (3,), metres, base frame.
-        eye_base_m: Where the eye was when the path began, shape (3,), metres.
-        from_direction: Direction of the gaze then, shape (3,), unit.
-        start_s: When the path begins, seconds on the loop's clock.
-        lasts_s: Duration of the path, seconds; 0 without one.
+        target_base_m: Position, shape (3,), metres, base frame.
+        eye_base_m: Position of the eye at the start of the path, shape (3,), metres.
+        from_direction: Gaze direction at the start, shape (3,), unit.
+        start_s: Start time of the path, seconds on the loop's clock.
+        lasts_s: Duration of the path, seconds; 0 for no path.
     """
 
     target_base_m: FloatArray
@@ -49,13 +49,13 @@ class Place:
         min_duration_s: float,
         max_velocity_rad_s: float,
     ) -> Place:
-        """A place with a path that lasts at least so long and turns at most so fast.
+        """A place with a path of bounded duration and angular speed.
 
         Args:
-            target_base_m: Where it is, shape (3,), metres, base frame.
-            eye_base_m: Where the eye is, shape (3,), metres.
-            from_direction: Direction of the gaze now, shape (3,), unit.
-            start_s: When the path begins, seconds.
+            target_base_m: Position, shape (3,), metres, base frame.
+            eye_base_m: Position of the eye, shape (3,), metres.
+            from_direction: Present gaze direction, shape (3,), unit.
+            start_s: Start time of the path, seconds.
             min_duration_s: Shortest duration, seconds.
             max_velocity_rad_s: Highest angular speed of the gaze, rad/s.
         """
@@ -64,14 +64,14 @@ class Place:
         return cls(target_base_m, eye_base_m, from_direction, start_s, max(min_duration_s, by_speed_s))
 
     def at(self, times_s: FloatArray) -> FloatArray:
-        """Where to look, shape (H, 3), metres, at times of shape (H,), seconds."""
+        """Gaze target, shape (H, 3), metres, at times of shape (H,), seconds."""
         if self.lasts_s <= 0.0:
             return np.tile(self.target_base_m, (times_s.size, 1))
         share = minimum_jerk(np.clip((times_s - self.start_s) / self.lasts_s, 0.0, 1.0))
         to = self.target_base_m - self.eye_base_m
         axis = np.cross(self.from_direction, to)
         if not axis.any():
-            # Straight behind: about the vertical.
+            # Opposite direction: rotate about the vertical.
             axis = np.array([0.0, 0.0, 1.0])
         left_rad = (share - 1.0) * angle_between_rad(self.from_direction, to)
         turns = Rotation.from_rotvec(left_rad[:, None] * (axis / np.linalg.norm(axis)))
@@ -79,10 +79,10 @@ class Place:
 
 
 class Goal:
-    """Hands the place from the thread of a program to the loop.
+    """Passes the place from the thread of a program to the loop.
 
     Attributes:
-        place: The place; None for people.
+        place: The place; None for looking at people.
     """
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ class Goal:
 
 
 class Pointing(AroundTarget):
-    """A target that gives way to a place as long as one is set; people are tracked all the time.
+    """A target that is overridden by a place while one is set; people are tracked all the time.
 
     Args:
         target: The target without a place.
@@ -104,7 +104,7 @@ class Pointing(AroundTarget):
 
     @property
     def newest_capture_s(self) -> float | None:
-        """See `gazempc.loop.track.Target`; a place is there now."""
+        """See `gazempc.loop.track.Target`; the present time for a place."""
         return self._target.newest_capture_s if self._goal.place is None else self._now_s
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
@@ -116,7 +116,7 @@ class Pointing(AroundTarget):
         """See `gazempc.loop.track.Target.forecast`: the place, or the forecast of the person."""
         place = self._goal.place
         if place is None:
-            # The target may have been set back between the questions of one tick.
+            # The target may have been reset within the tick.
             return None if self._target.newest_capture_s is None else self._target.forecast(times_s, time_s, recorder)
         covariances_m2 = np.tile(_VARIANCE_M2 * np.eye(3), (times_s.size, 1, 1))
         return Forecast(times_s, place.at(times_s), covariances_m2, time_s)

@@ -1,4 +1,4 @@
-"""Records what the loop does, and makes a log of it."""
+"""Records the run of the loop, and converts the records to a log."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ _NO_FORECAST = (np.full((_HORIZONS, 3), np.nan), np.full((_HORIZONS, 3, 3), np.n
 class LoopRecorder:
     """Collects rows while the loop runs.
 
-    An event that lasts is written once, when it begins: while the same event comes at every tick, it is one.
+    A lasting event, which is repeated at every tick or plan, is recorded once, when it begins.
 
     Args:
-        control_period_s: Time between two plans, seconds; the rarest event that lasts comes once in it.
+        control_period_s: Time between two plans, seconds: longest repetition period of a lasting event.
         watch: Called with each moment as it is recorded; must not block. None: no listener.
 
     Attributes:
@@ -71,9 +71,9 @@ class LoopRecorder:
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """The exceptions that were survived so far; may be read while another thread records.
+        """The exceptions caught so far; may be read while another thread records.
 
-        Reading takes time: the lines of the tracebacks are read from their files.
+        Slow: the source lines of the tracebacks are read from files.
         """
         faults = list(self._faults.values())
         return tuple(replace(each, traceback="".join(self._tracebacks[each.event].format())) for each in faults)
@@ -86,7 +86,7 @@ class LoopRecorder:
     def tick(
         self, time_s: float, state: JointState | None, sent_rad: FloatArray, motions: tuple[AxisMotion, ...]
     ) -> None:
-        """Record one servo tick: joints as measured (None if not), what was really sent, the command's motions."""
+        """Record one servo tick: measured joints (None if missing), the input sent, the command's motions."""
         self._ticks.append((time_s, state, sent_rad, motions))
         if self._watch is not None:
             self._watch(TickMoment(time_s, state, sent_rad, motions))
@@ -99,7 +99,7 @@ class LoopRecorder:
         update_ms: float,
         used: bool = True,
     ) -> None:
-        """Record an observation that the predictor was given.
+        """Record an observation that was passed to the predictor.
 
         Args:
             time_s: Time of its arrival, seconds.
@@ -121,7 +121,7 @@ class LoopRecorder:
             self._watch(SeenMoment(time_s, observation.capture_time_s, head_m, quat_wxyz, whom, *stated))
 
     def step(self, step_ms: float) -> None:
-        """Record how long forecast and plan took, milliseconds."""
+        """Record the computing time of forecast and plan, milliseconds."""
         self._step_ms.append(step_ms)
 
     def begins(self, time_s: float, plan: Plan, latency_ms: float) -> None:
@@ -130,39 +130,39 @@ class LoopRecorder:
         Args:
             time_s: The time, seconds.
             plan: The plan.
-            latency_ms: How old its newest observation is, milliseconds.
+            latency_ms: Age of its newest observation, milliseconds.
         """
         self._latency_ms.append(latency_ms)
         if self._watch is not None:
             self._watch(PlanMoment(time_s, plan.start_s, plan.step_s, plan.position_rad, latency_ms))
 
     def refused(self, name: str, count: int = 1) -> None:
-        """Count observations that are not used. Their event, which may last, is recorded beside.
+        """Count refused observations; their event, which may last, is recorded separately.
 
         Args:
             name: Name of the event.
-            count: How many.
+            count: Number of observations.
         """
         self._refused[str(name)] += count
 
     def refuse(self, name: str, time_s: float, error: BaseException | None = None) -> None:
-        """Record an observation that is not used, and its event.
+        """Record a refused observation, and its event.
 
         Args:
             name: Name of the event.
             time_s: Time, seconds.
-            error: The exception behind it.
+            error: The exception that caused it.
         """
         self.refused(name)
         self.event(time_s, name, error)
 
     def attended(self, time_s: float, person: int, why: str) -> None:
-        """Record who is looked at from now on.
+        """Record a change of the attended person.
 
         Args:
             time_s: The time, seconds.
             person: Number of the person; 0 for none.
-            why: Why, in a word.
+            why: The reason, one word.
         """
         self._attended.append((time_s, person, why))
         if self._watch is not None:
@@ -172,9 +172,9 @@ class LoopRecorder:
         """Record a look away that has begun.
 
         Args:
-            start_s: When contact ends, seconds.
-            end_s: When contact is due again, seconds.
-            why: Why, in a word.
+            start_s: End of contact, seconds.
+            end_s: Time of renewed contact, seconds.
+            why: The reason, one word.
         """
         self._away.append((start_s, end_s, why))
 
@@ -184,7 +184,7 @@ class LoopRecorder:
         Args:
             time_s: Time, seconds.
             name: Name of the event.
-            error: The exception behind it. The first one of each event is kept with its traceback.
+            error: The exception that caused it. The first one of each event is kept with its traceback.
         """
         if error is not None:
             self._fault(str(name), error)
@@ -204,7 +204,7 @@ class LoopRecorder:
         line = str(error) if isinstance(error, PartError) else error_line(error)
         # The traceback ends where the part raised.
         cause = error.error if isinstance(error, PartError) else error
-        # Its source lines are read later: files take many ticks' time.
+        # Source lines are read later: file access takes many ticks.
         self._tracebacks[name] = traceback.TracebackException.from_exception(cause, lookup_lines=False)
         self._faults[name] = Fault(name, 1, line, "")
         _LOGGER.warning("%s: %s", name, line, exc_info=cause)
@@ -275,7 +275,7 @@ def _later(record: Callable[..., None]) -> Callable[..., None]:
 
 
 class LaterRecorder(LoopRecorder):
-    """What one thread records, for another one to hand on to the recorder in use."""
+    """Buffers records of one thread, for replay to the recorder in use by another thread."""
 
     def __init__(self) -> None:
         super().__init__(0.0)
@@ -289,10 +289,10 @@ class LaterRecorder(LoopRecorder):
     looks_away = _later(LoopRecorder.looks_away)
 
     def hand_on(self, recorder: LoopRecorder) -> None:
-        """Record all of it, in order.
+        """Replay the buffered records in order.
 
         Args:
-            recorder: Records it.
+            recorder: Receives the records.
         """
         while self.notes:
             record, args, named = self.notes.popleft()

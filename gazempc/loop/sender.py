@@ -1,4 +1,4 @@
-"""Commands to the robot: what was sent, and what follows when a command is lost."""
+"""Transmission of commands: history of commands sent, and detection of lost ones."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import Robot
 from gazempc.types import FloatArray
 
-# So many commands in a row may get lost before the neck brakes: on a busy line single ones do.
+# Tolerated consecutive losses before the neck brakes: on a busy line single commands are lost.
 _SENDS_FORGIVEN = 2
-# A robot clamps what it is sent, and rounds it to steps of its own.
+# Largest rounding by the robot, to the resolution of its protocol.
 _ROUNDED_RAD = math.radians(1.0)
 
 
 class Sender:
-    """Sends the smoother's motion as the joints take it, angles or speeds.
+    """Sends the smoother's motion to the robot, as angles or speeds.
 
-    A command that is not acknowledged may have been executed all the same, so it counts as sent.
+    An unacknowledged command may have been executed, so it counts as sent.
 
     Args:
         neck: The neck.
         robot: Executes the commands; connected.
-        smoother: Makes the commands.
+        smoother: Computes the commands.
 
     Attributes:
         sent: The last command that the robot may have executed, shape (N,), radians or rad/s.
-        acknowledged_rad: Angles that the last acknowledged command leads to, shape (N,), radians.
+        acknowledged_rad: Angles resulting from the last acknowledged command, shape (N,), radians.
     """
 
     def __init__(self, neck: NeckSpec, robot: Robot, smoother: Smoother) -> None:
@@ -43,7 +43,7 @@ class Sender:
         start_rad = smoother.command.position_rad
         self._drive, self._takes_speeds = Drive(neck, start_rad), neck.takes_speeds
         history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
-        # Angles that the commands sent lead to, one row a servo period, oldest first.
+        # Angles resulting from the commands sent, one row a servo period, oldest first.
         self._sent_rad: FloatArray = np.tile(start_rad, (history, 1))
         self.sent: FloatArray = np.where(neck.speed_joints, 0.0, start_rad)
         self._low_rad, self._high_rad = neck.position_min_rad - _ROUNDED_RAD, neck.position_max_rad + _ROUNDED_RAD
@@ -61,13 +61,13 @@ class Sender:
             ticks: Number of periods.
 
         Returns:
-            The angles that it leads to, one array of shape (N,) a period, radians; at most as many as are kept.
+            The resulting angles, one array of shape (N,) a period, radians; at most the length of the history.
         """
         return [self._note(got_through=False) for _ in range(min(ticks, len(self._sent_rad)))]
 
     @property
     def silent(self) -> bool:
-        """Whether the robot does not acknowledge commands, more than single ones."""
+        """Whether more consecutive commands than tolerated are unacknowledged."""
         return self._lost > _SENDS_FORGIVEN
 
     def send(
@@ -77,12 +77,12 @@ class Sender:
 
         Args:
             command_rad: The smoother's command, shape (N,), radians.
-            observer: Has the offsets of the joints, which a joint that takes speeds needs.
+            observer: Estimates the offsets of the joints, for the position loop of velocity-controlled joints.
             time_s: The time, seconds.
-            recorder: Records what the robot raises.
+            recorder: Records exceptions of the robot.
 
         Returns:
-            The angles that the command leads to, shape (N,), radians.
+            The resulting angles, shape (N,), radians.
         """
         command = command_rad
         if self._takes_speeds:
@@ -98,7 +98,7 @@ class Sender:
 
     def _checked(self, answered: object) -> FloatArray:
         sent = numbers("what send_command() returned", np.array(answered), (self._neck.joints,))
-        # Written so that a NaN is outside.
+        # False for NaN.
         within = (self._low_rad <= sent) & (sent <= self._high_rad)
         if not (within | self._neck.speed_joints & np.isfinite(sent)).all():
             raise ValueError(

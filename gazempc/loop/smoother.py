@@ -19,25 +19,25 @@ Intervention = Literal["", "stale_plan", "limit_guard"]
 # Ruckig refuses a target that touches its limits by rounding.
 _TARGET_MARGIN = 1.0 - 1e-9
 _SAME_TIME_S = 1e-6
-# A plan within this of where the command would go is the one that is being followed.
+# Tolerance for a plan to count as the continuation of the command.
 _SAME_RAD = 1e-9
-# A limit that is used in full, with room for rounding.
+# Tolerance for a command at its limit.
 _ROUNDED_UP = 1.0 + 1e-9
-# A target this near the speed limit could hardly be caught; the chase assumes it a little slower.
+# Bound on the assumed speed of an intercepted target, as a share of the speed limit: leaves closing speed.
 _CHASE_SHARE = 0.95
 
 
 class _AxisSmoother:
-    """One joint. Ruckig is asked for one axis at a time so that a slow axis does not hold back the other."""
+    """One joint. Separate Ruckig problems: a slow axis must not delay the other by synchronisation."""
 
     def __init__(self, limits: Sequence[float], period_s: float) -> None:
         self._low, self._high, self._v_max, self._a_max, self._j_max = limits
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1, period_s)
-        # Stops have one of their own: a stop has no target position, but the one that is left in the trajectory (0 in a
-        # new one) counts among its extrema.
+        # A separate trajectory for stops: a stop has no target position, but the one stored in the trajectory (0 at
+        # first) counts among its extrema.
         self._trajectory, self._stop = ruckig.Trajectory(1), ruckig.Trajectory(1)
-        # A request for each question, as most of what is asked stays: setting a value takes as long as some answers.
+        # One input for each problem, as most of its values are constant: setting one takes as long as some solutions.
         self._to_follow, self._to_meet, self._to_rest = (ruckig.InputParameter(1) for _ in range(3))
         self._to_follow.minimum_duration = period_s
         self._to_meet.target_position = [0.0]
@@ -52,10 +52,10 @@ class _AxisSmoother:
             request.max_jerk = [self._j_max]
 
     def toward(self, now: AxisMotion, target: AxisMotion, v_limit: float) -> tuple[AxisMotion, bool]:
-        """Next motion toward where the target is one period from now; True if the guard stopped it instead."""
+        """Next motion toward the target one period from now; True if the limit guard stopped it instead."""
         v_max = min(self._v_max, v_limit)
         position, velocity, acceleration = target
-        # Hardly any target is outside: asking first is quicker than two calls.
+        # Targets outside are rare: this test is faster than two calls.
         if not self._low <= position <= self._high:
             position = min(max(position, self._low), self._high)
         if not -self._a_max <= acceleration <= self._a_max:
@@ -67,7 +67,7 @@ class _AxisSmoother:
             return following, False
         v_max *= _TARGET_MARGIN
         velocity = min(max(target[1], -v_max), v_max)
-        # The peak speed, with that implied by the acceleration, stays within the limit; above it, it decreases.
+        # The peak speed, including the contribution of the acceleration, is limited, or decreases if above the limit.
         fastest = max(v_max / _TARGET_MARGIN, self._peak_speed(now)) * _ROUNDED_UP
         for way, aim in (
             (self._follow, (position, velocity, _TARGET_MARGIN * acceleration)),
@@ -84,8 +84,8 @@ class _AxisSmoother:
     def _continue(
         self, now: AxisMotion, to_rad: float, to_rad_s: float, to_rad_s2: float, v_max: float
     ) -> AxisMotion | None:
-        # A plan that was followed so far leads on by one constant jerk, also along its limits. Ruckig, asked for the
-        # same, takes a detour before the last digit of a limit.
+        # The continuation of a tracked plan is one constant jerk, also at its limits, where Ruckig's solution
+        # deviates because of rounding.
         h = self._period_s
         position, velocity, acceleration = now
         jerk = (to_rad_s2 - acceleration) / h
@@ -101,13 +101,13 @@ class _AxisSmoother:
         return following if self._peak_speed(following) <= v_max * _ROUNDED_UP else None
 
     def _peak_speed(self, motion: AxisMotion) -> float:
-        # The acceleration takes the velocity further before it can be ended.
+        # Velocity after the acceleration has been ramped to zero.
         _, velocity, acceleration = motion
         now, later = abs(velocity), abs(velocity + acceleration * abs(acceleration) / (2.0 * self._j_max))
         return later if later > now else now
 
     def _follow(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
-        # Exactly the plan's motion, if it can be reached within this period; not before its end, as the command
+        # The plan's motion, if it is reachable within this period; arrival at its end, not earlier, as the command
         # would then wait for the plan.
         if self._out_of_reach(now, target[0]):
             return None
@@ -120,8 +120,8 @@ class _AxisSmoother:
         return following if self._trajectory.duration <= self._period_s + _SAME_TIME_S else None
 
     def _out_of_reach(self, now: AxisMotion, position: float) -> bool:
-        # Spares asking Ruckig for what no jerk within the limit can do: in a time t it moves the command by at most
-        # jerk t^3 / 6 from the motion without jerk, with a time tolerance of a microsecond.
+        # Necessary condition, to save calls of Ruckig: within a time t the jerk limit allows a deviation of at most
+        # jerk t^3 / 6 from the motion without jerk; with a time tolerance of a microsecond.
         t, (here, velocity, acceleration) = self._period_s, now
         by_itself = here + t * (velocity + t * acceleration / 2.0)
         longest_s = t + _SAME_TIME_S
@@ -129,9 +129,9 @@ class _AxisSmoother:
         return abs(position - by_itself) > reach * _ROUNDED_UP + _SAME_RAD
 
     def _intercept(self, now: AxisMotion, target: AxisMotion, v_max: float) -> AxisMotion | None:
-        # A plan that has jumped away moves on while the command catches up; aiming at its present position leaves a
-        # permanent lag. In the frame that moves with the plan the target stands still, and the
-        # time-optimal motion to it is the earliest meeting.
+        # Interception of a plan that has jumped: aiming at its present position would leave a permanent lag. In the
+        # frame that moves with the plan the target is at rest, and the time-optimal motion to it is the earliest
+        # interception.
         request, position = self._to_meet, target[0]
         velocity = min(max(target[1], -_CHASE_SHARE * v_max), _CHASE_SHARE * v_max)
         request.max_velocity, request.min_velocity = [v_max - velocity], [-v_max - velocity]
@@ -146,7 +146,7 @@ class _AxisSmoother:
     def toward_rest(self, now: AxisMotion) -> AxisMotion:
         """Next motion of the fastest stop within the limits."""
         self._aim_at_rest(now)
-        # Ruckig has no stop only for limits too small for its arithmetic; standing still is then within them.
+        # Ruckig fails to stop only for limits below its numerical precision; rest is then within them.
         return self._sample(self._to_rest) or (now[0], 0.0, 0.0)
 
     def _aim_at_rest(self, motion: AxisMotion) -> None:
@@ -155,11 +155,11 @@ class _AxisSmoother:
         request.current_acceleration = [motion[2]]
 
     def _can_stop_inside(self, motion: AxisMotion) -> bool:
-        # If every command can still be brought to rest inside the position limits, no later one can be
-        # forced out of them. Ruckig has no position constraints.
+        # Recursive feasibility: if every command allows a stop inside the position limits, no later one leaves them.
+        # Ruckig has no position constraints.
         if self._far_from_limits(motion):
             return True
-        # From 0, which is then among the extrema anyway.
+        # Relative to position 0, which is among the extrema anyway.
         position, velocity, acceleration = motion
         self._aim_at_rest((0.0, velocity, acceleration))
         if self._calculate(self._to_rest, self._stop):
@@ -168,13 +168,13 @@ class _AxisSmoother:
         return False
 
     def _far_from_limits(self, motion: AxisMotion) -> bool:
-        # Spares asking Ruckig where there is room for more than any stop takes. A stop first ends the acceleration,
-        # then brakes from at most the peak speed by an S-curve; it never goes faster than the peak speed.
+        # Sufficient condition, to save calls of Ruckig: an upper bound of the stopping distance. A stop first ramps the
+        # acceleration to zero, then brakes from at most the peak speed by an S-curve.
         position, _, acceleration = motion
         peak_speed, braking = self._peak_speed(motion), abs(acceleration)
         longest_s = braking / self._j_max + peak_speed / self._a_max + self._a_max / self._j_max
         room = peak_speed * longest_s * _ROUNDED_UP
-        # Written so that a NaN is not far from them.
+        # False for NaN.
         return braking <= self._a_max and self._low + room <= position <= self._high - room
 
     def _sample(self, request: ruckig.InputParameter) -> AxisMotion | None:
@@ -194,19 +194,18 @@ class _AxisSmoother:
 class Smoother:
     """Turns plans into commands within the limits, one servo period at a time.
 
-    The command is Ruckig's jerk-limited trajectory through the plan's set-points (position, velocity, acceleration).
-    It is no filter: a plan within the limits is followed exactly. The command always stays within
-    `NeckSpec.command_limits`. Ruckig limits velocity, acceleration and jerk. The position stays within its limits
-    because each command still allows a stop inside them. If a plan has ended, the command brakes to rest (Ruckig alone
-    would keep its velocity).
+    The command is Ruckig's jerk-limited trajectory through the plan's set-points (position, velocity, acceleration). A
+    plan within the limits is tracked exactly. The command always satisfies `NeckSpec.command_limits`: Ruckig limits
+    velocity, acceleration and jerk; the position satisfies its limits because each command allows a stop inside them.
+    After the end of a plan the command brakes to rest (Ruckig alone would keep its velocity).
 
     Args:
-        neck: The neck whose limits apply.
-        position_rad: Where the command starts, at rest, shape (N,), radians; clipped to the limits.
+        neck: The neck with the limits.
+        position_rad: Initial command, at rest, shape (N,), radians; clipped to the limits.
 
     Attributes:
-        motions: The command as it was last sent, in plain numbers, one motion a joint.
-        intervention: Of the last step; empty if the plan was followed.
+        motions: The last command, as tuples of floats, one motion a joint.
+        intervention: Intervention of the last step; empty if the plan was tracked.
     """
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
@@ -219,19 +218,19 @@ class Smoother:
 
     @property
     def command(self) -> CommandState:
-        """The command as it was last sent; its arrays are made on request."""
+        """The last command, as arrays."""
         return CommandState(*np.array(self.motions).T.copy())
 
     def step(self, time_s: float, plan: Plan | None, speed_limit_rad_s: float | None = None) -> FloatArray:
-        """Make the next command.
+        """Compute the next command.
 
         Args:
             time_s: Time at which it will be sent, seconds.
-            plan: What to follow; None, one that has ended or one with a NaN means stop.
-            speed_limit_rad_s: A lower speed limit for this step, for a slow return to rest; None for the neck's own.
+            plan: The plan to track; None, a plan that has ended or one with a NaN means stop.
+            speed_limit_rad_s: Lower speed limit for this step, for a slow return to rest; None for the neck's own.
 
         Returns:
-            The angles to send, shape (N,), radians; the whole motion is in `command`.
+            The commanded angles, shape (N,), radians; see `command` for the motion.
         """
         if plan is None or time_s >= plan.end_s or not plan.is_finite():
             self.motions = tuple([axis.toward_rest(now) for axis, now in zip(self._axes, self.motions, strict=True)])

@@ -1,4 +1,4 @@
-"""One person in the loop: observations into the predictor, forecasts out of it; its exceptions become events."""
+"""Single-person target: updates a predictor, and converts its exceptions to events."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from gazempc.settings import LoopSettings
 from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 
-# Synchronised clocks differ by up to this.
+# Tolerance of clock synchronisation.
 _CLOCK_TOLERANCE_S = 0.01
 RECORDED_HORIZONS_S = np.array(FORECAST_HORIZONS_S)
 
 
 class Target(Protocol):
-    """The person to look at: the only one, or one of several."""
+    """The person to look at: a single person, or the attended one of several."""
 
     @property
     def predictor(self) -> Predictor:
-        """A predictor of a person, with which the loop prepares itself."""
+        """A predictor of a person, for the warm-up of the loop."""
 
     @property
     def newest_capture_s(self) -> float | None:
@@ -40,32 +40,32 @@ class Target(Protocol):
         """The newest observation that was used; None before the first one."""
 
     def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """Take in what has arrived since the last tick; called at every tick.
+        """Process the observations that have arrived since the last tick; called at every tick.
 
         Args:
-            sightings: Observations and their arrivals.
+            sightings: Observations with arrival times.
             time_s: The time, seconds.
-            recorder: Records observations and the forecasts after them, or why they were dropped.
+            recorder: Records used observations with forecasts, and refused ones with the reason.
         """
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
-        """Ask where to look.
+        """Forecast the gaze target.
 
         Args:
             times_s: Times to forecast, shape (H,), seconds.
             time_s: The time, seconds.
-            recorder: Records why there is none.
+            recorder: Records the reason of a failure.
 
         Returns:
-            The forecast; None if there is none that can be used.
+            The forecast; None after a failure.
         """
 
 
 class AroundTarget:
-    """Common part of targets around another one.
+    """Base class of targets that wrap another one.
 
     Args:
-        target: The target inside.
+        target: The wrapped target.
     """
 
     def __init__(self, target: Target) -> None:
@@ -92,11 +92,11 @@ class AroundTarget:
 
 
 class PersonTrack:
-    """Guards one predictor: what cannot be used is dropped, what it raises becomes an event.
+    """Guards one predictor: refuses invalid observations, and converts exceptions to events.
 
     Args:
         predictor: Forecasts the head.
-        settings: Ages at which observations and tracks are given up.
+        settings: Maximum ages of observations and tracks.
 
     Attributes:
         predictor: The predictor.
@@ -141,8 +141,8 @@ class PersonTrack:
             with boundary(self.predictor, "update"):
                 lost = newest_s is not None and observation.capture_time_s - newest_s > self._settings.lost_after_s
                 if lost or (was_frozen and not self._tracker.frozen):
-                    # A track carried on for so long would refuse the first frames, and the gaze follow it meanwhile.
-                    # One that was frozen ends with half a second of repeated frames, as if the person stood.
+                    # A track extrapolated for so long would refuse the first frames, while the gaze follows it. A
+                    # frozen track ends with half a second of repeated frames, a false standstill.
                     self._start.reset()
                 self._start.update(observation)
                 # Optional attribute of a predictor with a gate.
@@ -155,7 +155,7 @@ class PersonTrack:
             return
         update_ms = 1e3 * (time.perf_counter() - started)
         if newest_s is not None and observation.capture_time_s < newest_s:
-            # The next forecast contains it; a forecast issued at its capture time would use later frames.
+            # No forecast from its capture time, which would use later frames.
             recorder.observation(time_s, observation, None, update_ms)
             return
         self.newest, self.newest_capture_s = observation, observation.capture_time_s
@@ -170,19 +170,19 @@ class PersonTrack:
 
 
 def why_not_usable(sighting: Sighting, time_s: float, settings: LoopSettings) -> Event | None:
-    """Judge an observation by its time.
+    """Check the time stamp of an observation.
 
     Args:
-        sighting: The observation and its arrival.
+        sighting: The observation with its arrival time.
         time_s: The time, seconds.
-        settings: Age at which observations are given up.
+        settings: Maximum age of observations.
 
     Returns:
-        Why it is dropped; None if it is not.
+        The reason of refusal; None for a valid observation.
     """
     captured_s = sighting.observation.capture_time_s
     if captured_s > time_s + _CLOCK_TOLERANCE_S:
-        # Taken in, it would make all later ones out of order.
+        # Accepted, it would make all later ones out of order.
         return Event.FUTURE_OBSERVATION
     return Event.STALE_OBSERVATION if time_s - captured_s > settings.stale_after_s else None
 
@@ -196,19 +196,19 @@ def forecast_of(
     time_s: float,
     recorder: LoopRecorder,
 ) -> Forecast | None:
-    """Ask a predictor for a forecast; a fault of it becomes an event.
+    """Call a predictor for a forecast; faults become events.
 
     Args:
         predictor: The predictor.
-        ask: Gives the forecast for times.
-        start: The predictor's track: keeps the forecast within reach of the person.
-        view: The last picture of the person; None where it is unknown.
+        ask: Maps times to a forecast.
+        start: The predictor's track, which clamps the forecast to the reach of the person.
+        view: The last picture of the person; None if unknown.
         times_s: Times to forecast, shape (H,), seconds.
         time_s: The time, seconds.
-        recorder: Records why there is none, and if it is cut.
+        recorder: Records the reason of a failure, and clamping.
 
     Returns:
-        The forecast; None if the predictor has none that can be used.
+        The forecast; None after a failure.
     """
     forecast: Forecast | None = None
     with boundary(predictor, "forecast", partial(recorder.event, time_s, Event.FORECAST_FAILED)):
@@ -216,7 +216,7 @@ def forecast_of(
         try:
             forecast = checked_forecast(answered, times_s.size)
         except ValueError:
-            # A filter that holds a NaN holds it for ever: the next observation starts a new track.
+            # NaN persists in the state of a filter: the next observation starts a new track.
             start.reset()
             raise
     if forecast is None:

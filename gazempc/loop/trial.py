@@ -1,4 +1,4 @@
-"""One forecast and one plan before anything moves: faults of own parts are found, and first calls are not late."""
+"""One forecast and one plan before the run: validates user-defined parts, and warms up caches."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from gazempc.parts import CONTROLLER, PREDICTOR, Kind, check_members, name_of
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, Predictor
 
-# A person who walks past 2 m before the robot, for five frames at 30 frames a second.
+# Test data: a person walks past at 2 m, five frames at 30 frames a second.
 _TRIAL_FRAMES, _TRIAL_PERIOD_S = 5, 1.0 / 30.0
-# Properties of the simulated neck that are no part of the controller's model, see `gazempc.neck.spec.Axis`.
+# Properties of the simulated neck outside of the controller's model, see `gazempc.neck.spec.Axis`.
 _OF_SIMULATION = {"reports_joints", "encoder_noise_deg", "load_offset_deg"}
 
 
@@ -49,7 +49,7 @@ def check_predictor(predictor: Predictor) -> Predictor:
 
 
 def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
-    """Let a controller make one plan for a neck at rest, then reset it.
+    """Try a controller on one plan for a neck at rest, then reset it.
 
     Args:
         controller: The controller.
@@ -71,9 +71,9 @@ def check_controller(controller: Controller, neck: NeckSpec) -> Controller:
 
 
 def warm_up(predictor: Predictor, controller: Controller, neck: NeckSpec) -> None:
-    """Make one forecast and one plan, so that the first tick does not wait for a model or a solver to be built.
+    """Compute one forecast and one plan, so that the first tick is not delayed by the setup of a model or a solver.
 
-    A part that fails here fails in the run, where that is an event.
+    Exceptions are suppressed: they recur in the run, as events.
 
     Args:
         predictor: The predictor; reset.
@@ -84,7 +84,7 @@ def warm_up(predictor: Predictor, controller: Controller, neck: NeckSpec) -> Non
         check_predictor(predictor)
     with contextlib.suppress(SettingsError):
         check_controller(controller, neck)
-    for part in (predictor, controller):  # one that failed has not been reset
+    for part in (predictor, controller):  # also after a failure
         with contextlib.suppress(PartError), boundary(part, "reset"):
             part.reset()
     for axis in neck.axes:
@@ -96,10 +96,10 @@ def check_same_neck(controller: object, neck: NeckSpec) -> None:
 
     Args:
         controller: The controller.
-        neck: The neck that it is to steer.
+        neck: The neck of the run.
 
     Raises:
-        SettingsError: If it was made for another one; the message names the differences.
+        SettingsError: If it was made for another neck; the message lists the differences.
     """
     known = getattr(controller, "neck", None)
     if not isinstance(known, NeckSpec):
@@ -123,7 +123,7 @@ def _known_to_controllers(neck: NeckSpec) -> dict[str, object]:
 
 
 def _tried(kind: Kind, part: object, method: str, *given: object, check: Callable[[Any], Any] = lambda _: None) -> Any:
-    """Call a method of a part; returns its answer as checked."""
+    """Call a method of a part, and check its result."""
     try:
         with boundary(part, method):
             return check(getattr(part, method)(*given))
@@ -143,7 +143,7 @@ def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
     rest_rad, still = neck.rest_rad, np.zeros(neck.joints)
     forecast = Forecast(
         times_s=times_s,
-        # So far aside that limits of the command bind: a solver is needed.
+        # Far aside, so that limits of the command are active: also warms up the solver.
         means_base_m=np.tile([2.0, 1.0, 0.3], (times_s.size, 1)),
         covariances_m2=np.tile(1e-4 * np.eye(3), (times_s.size, 1, 1)),
         issued_at_s=0.9,

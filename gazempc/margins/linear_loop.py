@@ -6,9 +6,9 @@ periodic, with one control period of m servo periods. Its state before each meas
 
     x = [q, v, q^, v^, b^, u, du, ddu, j, l, c_-1 ... c_-L]
 
-joint, observer (angle, velocity, steady error), command, jerk, and the commands sent before. A joint that takes speeds
-follows their integral l as one that takes angles follows the angles. Its steady error has no part in the plan: a
-position loop of gain k (`gazempc.loop.drive`) adds k (u + du h / 2 - l - b^) to the speed du, which is held for h.
+joint, observer (angle, velocity, steady-state error), command, jerk, and the commands sent before. For a joint that is
+velocity-controlled, l is the integral of the speeds. Its steady-state error is not part of the plan: a position loop of
+gain k (`gazempc.loop.drive`) adds k (u + du h / 2 - l - b^) to the speed du, which is held for h.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ _JOINT, _SEEN, _OFFSET, _COMMAND, _JERK, _LED, _SENT = slice(0, 2), slice(2, 4),
 
 @dataclass(frozen=True)
 class Mismatch:
-    """How the joint differs from its model.
+    """Model mismatch of a joint.
 
     Attributes:
-        gain: The joint follows so many times its command.
-        dead_time_s: The dead time is longer by this, seconds.
-        frequency: The natural frequency is so many times the model's.
+        gain: DC gain of the joint.
+        dead_time_s: Excess of the dead time over the model's, seconds.
+        frequency: Ratio of the natural frequency to the model's.
     """
 
     gain: float = 1.0
@@ -49,7 +49,7 @@ class Mismatch:
     frequency: float = 1.0
 
     def of(self, axis: Axis) -> Axis:
-        """The joint whose model this is; without the gain."""
+        """The joint with this mismatch from its model, except for the gain."""
         late_s = max(axis.dead_time_s + self.dead_time_s, 0.0)
         frequency = axis.natural_frequency_rad_s * self.frequency
         return axis.model_copy(update={"dead_time_s": late_s, "natural_frequency_rad_s": frequency})
@@ -64,7 +64,7 @@ class LinearLoop:
     Args:
         mpc: The controller.
         index: 0 for pan, 1 for tilt.
-        error: How the joint differs from the model of controller and observer.
+        error: Mismatch between the joint and the model of controller and observer.
 
     Attributes:
         period_s: Control period T_c, seconds.
@@ -76,7 +76,7 @@ class LinearLoop:
         self.period_s, self.ticks, h = neck.control_period_s, neck.servo_ticks_per_plan, neck.servo_period_s
         self._h, joint = h, error.of(axis)
         settled = JointAhead(axis, h, np.array([axis.dead_time_s]))
-        # In a servo period the joint answers to commands sent up to so many periods ago.
+        # Number of past commands that can act within a servo period.
         history = 1 + max(math.floor(each.dead_time_s / h + _SAME_TIME_S) for each in (axis, joint))
         self.size = _SENT + history
         self._feedback = self._state_feedback(mpc, index, settled)
@@ -96,12 +96,12 @@ class LinearLoop:
         row[_SEEN] = gain[:2] @ settled.maps[:, 0, :2]
         row[_SENT : _SENT + settled.sent_needed] = gain[:2] @ oldest_first[:, ::-1]
         row[_COMMAND] = gain[2 : len(STATE)]
-        # The reference is counted without the steady error; of a joint that takes speeds, the joint with it.
+        # The steady-state error is subtracted from the reference; for a velocity-controlled joint, added to its angle.
         row[_OFFSET] = gain[0] if mpc.neck.axes[index].takes_speed else -gain[len(STATE) + 1 :].sum()
         return row
 
     def _advanced(self, axis: Axis, joint: Axis, gain: float) -> FloatArray:
-        # One servo period: the command moves on, is sent, and joint and observer follow what acts.
+        # One servo period: propagate and send the command, then propagate joint and observer with the acting command.
         h, advance = self._h, np.zeros((self.size, self.size))
         command = np.zeros((3, self.size))
         command[:, _COMMAND] = [[1.0, h, h**2 / 2.0], [0.0, 1.0, h], [0.0, 0.0, 1.0]]
@@ -113,7 +113,7 @@ class LinearLoop:
             u, du, _ = states[_COMMAND]
             speed = command[1] + speed_loop_gain(axis, h) * (u + 0.5 * h * du - states[_LED] - states[_OFFSET])
             advance[_LED] = states[_LED] + h * speed
-            # Held for a period, a speed leads to its middle on average.
+            # Mean angle over a period in which the speed is held.
             now = states[_LED] + 0.5 * h * speed
         advance[_SENT] = now
         advance[_SENT + 1 :, _SENT:-1] = np.eye(self.size - _SENT - 1)
@@ -121,7 +121,7 @@ class LinearLoop:
             whole = math.floor(follower.dead_time_s / h + _SAME_TIME_S)
             rest_s = max(follower.dead_time_s - whole * h, 0.0)
             state = np.eye(2, self.size, place.start)
-            # c_-k is the command that was sent k periods ago; the newest one is what is sent now.
+            # c_-k is the command sent k periods ago, preceded by the present one.
             sent = [now, *np.eye(self.size)[_SENT:]]
             for acting, lasts_s in ((whole + 1, rest_s), (whole, h - rest_s)):
                 if lasts_s > _SAME_TIME_S:
@@ -131,7 +131,7 @@ class LinearLoop:
         return advance
 
     def _ticks(self) -> tuple[FloatArray, FloatArray]:
-        # With a given measurement y: x+ = A x + B y. In the first tick of a control period it is planned.
+        # With the measurement y as input: x+ = A x + B y. The first tick of a control period includes a plan.
         corrects = np.eye(self.size) - np.outer(self._gain, self._expected)
         plans = np.eye(self.size)
         plans[_JERK] = self._feedback
@@ -149,7 +149,7 @@ class LinearLoop:
         return phi
 
     def opened(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The loop that is cut at the measurement, lifted over a control period: from the m given to the m true angles.
+        """The loop opened at the measurement, lifted over a control period: from m measured to m true angles.
 
         Returns:
             A, shape (S, S), B, shape (S, m), C, shape (m, S), D, shape (m, m).
@@ -163,9 +163,9 @@ class LinearLoop:
         return A, B, C, D
 
     def response(self, omega_rad_s: FloatArray) -> ComplexArray:
-        """The loop transfer L at frequencies, shape (F,), rad/s: positive where feedback opposes, 1 + L at the sum.
+        """Loop transfer function L at frequencies, shape (F,), rad/s, for negative feedback: sensitivity 1 / (1 + L).
 
-        The lifted loop is periodic; this is its response at the frequency of the input.
+        The loop is periodic; this is its fundamental response, at the frequency of the input.
         """
         A, B, C, D = self.opened()
         z = np.exp(1j * omega_rad_s * self.period_s)[:, None, None]

@@ -1,4 +1,4 @@
-"""How wrong the model of a joint may be before its loop swings; gain, delay and disk margin by python-control."""
+"""Stability margins against model mismatch: gain, delay, natural frequency; disk margin by python-control."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gazempc.margins.linear_loop import ComplexArray, LinearLoop, Mismatch
 from gazempc.neck.spec import AXES, Axis, NeckSpec
 from gazempc.types import FloatArray
 
-# A neck that leaves less gets a warning. A distance of 0.5 between L and -1, the customary minimum, implies a gain
-# margin of 2 and a phase margin of 29 deg (Astrom & Murray 2021, Feedback Systems, section 10.3). Clocks and buses may
-# delay a command by two plans.
+# Thresholds of warnings. A distance of 0.5 between L and -1, the customary minimum, implies a gain margin of 2 and a
+# phase margin of 29 deg (Astrom & Murray 2021, Feedback Systems, section 10.3). Clocks and buses may delay a command by
+# two control periods.
 LEAST_DISTANCE, LEAST_DELAY_PERIODS = 0.5, 2.0
 # Frequencies of the loop transfer up to the servo's Nyquist frequency, and factors of the natural frequency.
 _POINTS, _POINTS_OF_CHECK, _LOWEST_RAD_S = 400, 100, 0.05
 _FACTOR_MAX, _FACTOR_STEP, _BISECTIONS = 10.0, 1.15, 12
-# Eigenvalues of more states, of a long dead time at a high servo rate, take seconds.
+# Maximum number of states: with more (long dead time, high servo rate) the eigenvalues take seconds.
 _MOST_STATES = 500
 
 
@@ -35,14 +35,14 @@ class Margins:
         period_s: Control period, seconds.
         omega_rad_s: Frequencies of the loop transfer, shape (F,), rad/s.
         loop: Loop transfer L at these, cut at the measured angle.
-        gain: The loop gain may be multiplied by less than this.
-        gain_hz: Frequency at which it would swing then.
+        gain: Gain margin, as a factor.
+        gain_hz: Frequency of oscillation at the gain margin.
         phase_deg: Phase margin.
-        delay_s: The dead time may be longer than the model by less than this.
-        shorter_s: It may be shorter by this; at most the dead time itself.
-        disk: Gain and phase may change at once by these: largest factor, phase in degrees (disk margin).
+        delay_s: Delay margin: excess of the dead time over the model's at the stability boundary.
+        shorter_s: The same for a shorter dead time; at most the dead time itself.
+        disk: Disk margin, for simultaneous changes of gain and phase: largest factor, phase in degrees.
         peak_sensitivity: Largest |1 / (1 + L)|.
-        frequency_factors: The natural frequency may be wrong by factors between these; 0 and infinite where no factor
+        frequency_factors: Stable range of the natural frequency as factors of the model's; 0 and infinite if no factor
             between 0.1 and 10 makes the loop unstable.
     """
 
@@ -67,7 +67,7 @@ class Margins:
 
     @property
     def tolerance(self) -> str:
-        """What the neck file may be wrong by, in words."""
+        """Tolerances of the neck file, as text."""
         low, high = self.frequency_factors
         lower = f"under {1.0 / _FACTOR_MAX:g}" if low == 0.0 else f"{low:.2f}"
         upper = f"over {_FACTOR_MAX:g}" if math.isinf(high) else f"{high:.2f}"
@@ -84,20 +84,20 @@ def margins(mpc: Mpc) -> list[Margins]:
         mpc: The controller, with its neck.
 
     Returns:
-        Those of pan, then those of tilt.
+        Margins of pan, then of tilt.
 
     Raises:
         SettingsError: If the dead time has too many servo periods.
     """
     found = [_of_joint(mpc, 0)]
     pan, tilt = (_servo(axis) for axis in mpc.neck.axes[:2])
-    # Without active limits the servo alone matters.
+    # Without active limits the margins depend on the servo only.
     alike = pan == tilt and not any(ocp.own for ocp in mpc.ocps)
     return [*found, replace(found[0], joint=AXES[1]) if alike else _of_joint(mpc, 1)]
 
 
 def sentences(neck: NeckSpec, found: list[Margins]) -> list[str]:
-    """What pan and tilt of the neck file may be wrong by, joints with equal tolerances together."""
+    """Tolerances of pan and tilt in the neck file, as sentences; joints with equal tolerances share one."""
     joints: dict[str, list[str]] = {}
     verb = ("stays", "stay")
     for each in found:
@@ -113,12 +113,12 @@ def _servo(axis: Axis) -> tuple[float, float, float]:
 
 
 def too_small(mpc: Mpc) -> list[str]:
-    """What is less than the least margins, in sentences; empty if nothing is, or there are too many states to tell.
+    """Warnings about margins below the thresholds; empty if there are none, or too many states to compute.
 
-    It needs no python-control, whose import takes a second.
+    Without python-control, whose import takes a second.
     """
     neck, found = mpc.neck, list[str]()
-    if mpc.picture is not None:  # within the zone the camera rests: there is no loop that could swing
+    if mpc.picture is not None:  # within the zone the camera rests: open loop
         return found
     for i, joint in enumerate(AXES):
         loop, late_s = LinearLoop(mpc, i), LEAST_DELAY_PERIODS * neck.control_period_s
@@ -198,7 +198,7 @@ def _of_joint(mpc: Mpc, index: int) -> Margins:
 
 
 def _first_unstable(stable: Callable[[float], bool], end: float, step: float) -> float:
-    """The smallest error at which the loop is unstable, by steps and bisection; infinite if none is up to the end."""
+    """Smallest error at which the loop is unstable, by a scan and bisection; infinite if stable up to the end."""
     low = 0.0
     while low < end:
         high = min(low + step, end)

@@ -1,4 +1,4 @@
-"""Where joints will be: rolled through servo and dead time, by the commands that are sent, committed and planned."""
+"""Prediction of joints through servo and dead time, from the commands sent, committed and planned."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _SAME_TIME_S = 1e-9
 
 
 class JointAhead:
-    """Predicts a joint that obeys its servo and its dead time, at fixed times from now on.
+    """Predicts a joint with servo and dead time, at fixed times from now.
 
-    Its state at these times is a fixed linear map of its state now and of the commands around now. It is exact at whole
-    servo periods and where a command begins to act; between these times it is interpolated.
+    The predicted state is a constant linear map of the present state and of past and future commands. Exact at whole
+    servo periods and when a command begins to act; interpolated between these times.
 
     Args:
         axis: The joint.
@@ -26,8 +26,8 @@ class JointAhead:
         ahead_s: Times from now, not negative, ascending, shape (K,), seconds.
 
     Attributes:
-        sent_needed: Number of the latest commands that are still on their way, or act.
-        future_needed: Number of commands from now on that act before the last of the times.
+        sent_needed: Number of latest commands in the dead time, or acting.
+        future_needed: Number of future commands that act before the last of the times.
         maps: Position and velocity from [position, velocity now; commands, the oldest needed one first], shape
             (2, K, 2 + sent_needed + future_needed).
     """
@@ -37,7 +37,7 @@ class JointAhead:
         rest_s = max(axis.dead_time_s - whole * period_s, 0.0)
         if rest_s < _SAME_TIME_S:
             rest_s = 0.0
-        # In each period the older command still acts for the part by which the dead time exceeds whole periods.
+        # The older command acts for the fractional part of the dead time in each period.
         older, newer = (zero_order_hold(axis, round(part_s, 12)) for part_s in (rest_s, period_s - rest_s))
         ticks = math.ceil(float(ahead_s[-1]) / period_s - _SAME_TIME_S)
         self.sent_needed = whole + 1
@@ -82,13 +82,13 @@ class JointAhead:
 
 
 class SettledJoints:
-    """State of all joints one dead time after the last command that is settled: where a plan begins to show.
+    """State of all joints one dead time after the last committed command: initial state of a plan.
 
-    Until then the motion is determined by commands that are sent or committed, independent of the plan.
+    The motion until then is independent of the plan: sent and committed commands determine it.
 
     Args:
         neck: The neck.
-        committed: Number of commands that will be sent from now on before a plan starts.
+        committed: Number of commands that will be sent from now until a plan starts.
     """
 
     def __init__(self, neck: NeckSpec, committed: int) -> None:
@@ -104,7 +104,7 @@ class SettledJoints:
     def __call__(
         self, position_rad: FloatArray, velocity_rad_s: FloatArray, sent_rad: FloatArray, committed_rad: FloatArray
     ) -> FloatArray:
-        """Roll the joints.
+        """Predict the joints.
 
         Args:
             position_rad: Joint angles now, without their offsets, shape (N,), radians.
@@ -120,5 +120,5 @@ class SettledJoints:
         return np.asarray((self._maps @ known.T[:, :, None])[:, :, 0].T)
 
 
-# Made once for each neck and delay. Safe: the key is frozen, and the maps are not changed.
+# Cached for each neck and delay. Safe: the key is frozen, and the maps are constant.
 settled_joints = lru_cache(maxsize=16)(SettledJoints)

@@ -1,4 +1,4 @@
-"""From joint angles to the gaze ray, and back: where must the neck point to look at a place?"""
+"""Forward kinematics (joint angles to gaze ray) and inverse kinematics (target to joint angles)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from scipy.spatial.transform import Rotation
 from gazempc.neck.spec import Geometry
 from gazempc.types import FloatArray
 
-# Keeps the neck from switching sides before a person right behind it.
-_CLEARLY_BETTER_RAD = 0.2
-# Numbers of joints of a neck with eyes (from here on), and of one with a body.
+# Hysteresis of the turn of pan: no switches of side for a person behind the robot.
+_HYSTERESIS_RAD = 0.2
+# Least number of joints of a neck with eyes; numbers of joints of a neck with a body.
 _WITH_EYES, _WITH_BODY = 4, (3, 5)
-# Nearer than this to the axis, a target's direction is undefined.
+# Distance to the axis below which a target's direction is undefined.
 _NEAREST_M = 0.1
 
 
 def head_angles_rad(joints_rad: ArrayLike) -> FloatArray:
-    """Where the head points: pan, with the body's yaw, and tilt.
+    """Direction of the head: pan plus the body's yaw, and tilt.
 
     Args:
         joints_rad: Angles of all joints in the order of `NeckSpec.joint_names`, shape (..., N), radians.
@@ -37,11 +37,11 @@ def head_angles_rad(joints_rad: ArrayLike) -> FloatArray:
 
 
 def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Where the eye is and where it looks.
+    """Position and direction of the gaze ray.
 
     Args:
         geometry: The neck's geometry.
-        angles_rad: Pan (positive left) and tilt (positive up), then the joints of eyes and body that there are, as in
+        angles_rad: Pan (positive left) and tilt (positive up), then any joints of eyes and body, in the order of
             `NeckSpec.joint_names`; shape (..., N), radians.
 
     Returns:
@@ -53,7 +53,7 @@ def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, Flo
     ct, st = np.cos(angles[..., 1]), np.sin(angles[..., 1])
     tx, ty, tz = geometry.tilt_axis_in_pan_m
     ex, ey, ez = geometry.eye_in_tilt_m
-    # In the frame that turns with the pan axis; tilting up turns +x towards +z.
+    # In the frame of the pan axis; tilting up turns +x towards +z.
     x = tx + ct * ex - st * ez
     y = np.full_like(cp, ty + ey)
     z = tz + st * ex + ct * ez
@@ -66,24 +66,24 @@ def gaze_ray(geometry: Geometry, angles_rad: ArrayLike) -> tuple[FloatArray, Flo
 
 
 def unit_vector(pan_rad: FloatArray, tilt_rad: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vector at a pan and a tilt: forward, left and up, each of their shape."""
+    """Unit vector at a pan and a tilt: components forward, left and up, each of the same shape."""
     level = np.cos(tilt_rad)
     return np.cos(pan_rad) * level, np.sin(pan_rad) * level, np.sin(tilt_rad)
 
 
 def pan_tilt_rad(direction: FloatArray) -> FloatArray:
-    """Pan and tilt of directions of any length, shape (..., 3), in (-pi, pi]; shape (..., 2), radians."""
+    """Pan and tilt, in (-pi, pi], shape (..., 2), radians, of vectors of shape (..., 3)."""
     x, y, z = np.moveaxis(direction, -1, 0)
     return np.stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))], axis=-1)
 
 
 def wrapped_rad(angle_rad: FloatArray) -> FloatArray:
-    """Angles in (-pi, pi], radians, of the same shape."""
+    """Angles wrapped to (-pi, pi], radians, of the same shape."""
     return np.asarray(np.pi - (np.pi - angle_rad) % (2.0 * np.pi))
 
 
 def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: ArrayLike) -> FloatArray:
-    """Angles of the eyes that look at a target, with the head as it stands.
+    """Angles of the eyes that look at a target, at given head angles.
 
     Args:
         geometry: The neck's geometry.
@@ -104,7 +104,7 @@ def eye_angles_rad(geometry: Geometry, head_rad: ArrayLike, target_base_m: Array
 
 
 def head_in_base(geometry: Geometry, joints_rad: FloatArray) -> tuple[Rotation, FloatArray]:
-    """Pose of the robot's head, whose origin is on the tilt axis.
+    """Pose of the robot's head; its origin is on the tilt axis.
 
     Args:
         geometry: The neck's geometry.
@@ -119,11 +119,11 @@ def head_in_base(geometry: Geometry, joints_rad: FloatArray) -> tuple[Rotation, 
 
 
 def eye_in_base(geometry: Geometry, joints_rad: FloatArray) -> tuple[Rotation, FloatArray]:
-    """Pose of the robot's eyes, which are one and turn about `Geometry.eye_in_tilt_m`.
+    """Pose of the robot's eyes, modelled as one eye that rotates about `Geometry.eye_in_tilt_m`.
 
     Args:
         geometry: The neck's geometry.
-        joints_rad: As of `head_in_base`, of a neck with eyes.
+        joints_rad: As in `head_in_base`, for a neck with eyes.
 
     Returns:
         Rotation from the eye's frame (x along the gaze) to the base frame, and the origin, shape (3,), metres.
@@ -133,7 +133,7 @@ def eye_in_base(geometry: Geometry, joints_rad: FloatArray) -> tuple[Rotation, F
 
 
 def seen_from_head(geometry: Geometry, angles_rad: FloatArray, position_m: FloatArray) -> FloatArray:
-    """A position as a sensor on the head, beside the eye, sees it.
+    """Transform a position to the frame of a sensor on the head, at the eye.
 
     Args:
         geometry: The neck's geometry.
@@ -148,24 +148,23 @@ def seen_from_head(geometry: Geometry, angles_rad: FloatArray, position_m: Float
 
 
 def _looking(pan_rad: float, tilt_rad: float) -> Rotation:
-    # Tilting up turns +x towards +z, which is a negative turn about y.
+    # Tilting up turns +x towards +z: a negative rotation about y.
     return Rotation.from_euler("z", pan_rad) * Rotation.from_euler("y", -tilt_rad)
 
 
 def look_at_rad(geometry: Geometry, target_base_m: ArrayLike) -> FloatArray:
     """Joint angles whose gaze ray passes through a target, in closed form.
 
-    The target's lateral offset is constant while the neck pans, which gives the pan angle. The height of the gaze ray
-    above the tilt axis is constant while it tilts, which gives the tilt angle. Of the two solutions the one that faces
-    the target is taken. A target behind the robot is reached by panning beyond +-90 deg; whether the neck can do that
-    is for its limits to say.
+    The target's lateral offset is invariant under pan, which gives the pan angle. The height of the gaze ray above the
+    tilt axis is invariant under tilt, which gives the tilt angle. Of the two solutions the one facing the target is
+    chosen. A target behind the robot has a pan beyond +-90 deg; joint limits are not considered.
 
     Args:
         geometry: The neck's geometry.
         target_base_m: Targets in the base frame, shape (..., 3), metres.
 
     Returns:
-        Pan and tilt, shape (..., 2), radians, in (-pi, pi]; finite, and past the target, where it is inside the neck.
+        Pan and tilt, shape (..., 2), radians, in (-pi, pi]; finite, but inexact for a target inside the neck.
     """
     tx, ty, tz = geometry.tilt_axis_in_pan_m
     _, ey, ez = geometry.eye_in_tilt_m
@@ -173,7 +172,7 @@ def look_at_rad(geometry: Geometry, target_base_m: ArrayLike) -> FloatArray:
     x, y, z = np.moveaxis(np.asarray(target_base_m, dtype=np.float64), -1, 0)
     ground, above = np.hypot(x, y), z - tz
     angles = np.empty((*ground.shape, 2))
-    # A negative zero would give -pi.
+    # Avoid negative zero, which would give -pi.
     pan = np.arctan2(y + 0.0, x)
     ahead = ground - tx
     if lateral:
@@ -187,21 +186,21 @@ def look_at_rad(geometry: Geometry, target_base_m: ArrayLike) -> FloatArray:
 
 
 def _offset_turn(offset_m: float, distance_m: FloatArray) -> FloatArray:
-    # By how much a ray that passes its axis at an offset points beside the target; a right angle if it is nearer.
+    # Angle between a ray at an offset from its axis and the target; a right angle for a distance below the offset.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         sine = np.where(distance_m > 0, np.clip(offset_m / distance_m, -1.0, 1.0), np.sign(offset_m))
     return np.asarray(np.arcsin(sine), dtype=np.float64)
 
 
 def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -> tuple[float, float]:
-    """How uncertain the direction to a target is, to first order; axis and eye offsets are left out of account.
+    """Uncertainty of the direction to a target, by first-order propagation; offsets of axes and eye are neglected.
 
     Args:
         target_base_m: Mean of the target's position, shape (3,), metres.
         covariance_m2: Its covariance, shape (3, 3), square metres.
 
     Returns:
-        Standard deviations of pan and tilt, radians; NaN if a number is not finite.
+        Standard deviations of pan and tilt, radians; NaN for input that is not finite.
     """
     x, y, z = target_base_m.tolist()
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = covariance_m2.tolist()
@@ -219,22 +218,22 @@ def angle_deviations_rad(target_base_m: FloatArray, covariance_m2: FloatArray) -
 
 
 def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad: float) -> FloatArray:
-    """Make a sequence of pan angles continuous, on the turn of the circle that the neck can best reach.
+    """Unwrap a sequence of pan angles, on the turn with the least violation of the pan limits.
 
-    The pan angle of a person who walks round behind the robot jumps from +180 to -180 deg. A neck
-    that followed them past its limit would stay there until they came back the same way.
+    The pan angle of a person who walks behind the robot jumps from +180 to -180 deg. Without the choice of the turn the
+    neck would stay at its limit until the person returned the same way.
 
     Args:
         angles_rad: Pan and tilt over time, shape (H, 2), radians.
-        near_rad: Where the pan command stands, radians; kept to unless another turn is clearly better within reach.
+        near_rad: Present pan command, radians; its turn is kept unless another violates the limits clearly less.
         low_rad: Lower pan limit, radians.
         high_rad: Upper pan limit, radians.
 
     Returns:
-        The same directions with continuous pan, shape (H, 2), radians; the argument itself where nothing changes.
+        The same directions with continuous pan, shape (H, 2), radians; the argument itself if unchanged.
     """
     pan = angles_rad[:, 0]
-    # Asked at every plan: the methods `min` and `max` take a third longer.
+    # Called at every plan: the methods `min` and `max` take a third longer.
     least_rad, most_rad = np.minimum.reduce(pan), np.maximum.reduce(pan)
     if abs(pan[0] - near_rad) > np.pi or most_rad - least_rad > np.pi:
         pan = np.unwrap(np.concatenate([[near_rad], pan]))[1:]
@@ -250,7 +249,7 @@ def unwrap_pan(angles_rad: FloatArray, near_rad: float, low_rad: float, high_rad
 
     turns = (-2.0 * np.pi, 2.0 * np.pi)
     best = min(turns, key=out_of_reach_rad)
-    if out_of_reach_rad(best) < out_of_reach_rad(0.0) - _CLEARLY_BETTER_RAD:
+    if out_of_reach_rad(best) < out_of_reach_rad(0.0) - _HYSTERESIS_RAD:
         pan = pan + best
     return np.stack([pan, angles_rad[:, 1]], axis=-1)
 
@@ -264,7 +263,7 @@ def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: Arr
         target_base_m: Targets, shape (..., 3), metres, base frame.
 
     Returns:
-        Angles in [0, pi], shape (...), radians; exact also for very small angles.
+        Angles in [0, pi], shape (...), radians; numerically stable for very small angles.
     """
     eye, direction = gaze_ray(geometry, angles_rad)
     to_target = np.asarray(target_base_m, dtype=np.float64) - eye
@@ -272,6 +271,6 @@ def gaze_error_rad(geometry: Geometry, angles_rad: ArrayLike, target_base_m: Arr
 
 
 def angle_between_rad(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Angle between directions of any length, shape (..., 3); shape (...), radians."""
+    """Angle between vectors of shape (..., 3); shape (...), radians."""
     across = np.linalg.norm(np.cross(one, other), axis=-1)
     return np.asarray(np.arctan2(across, np.sum(one * other, axis=-1)))

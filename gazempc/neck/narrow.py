@@ -8,29 +8,29 @@ from gazempc.neck.spec import Axis, NeckSpec
 
 # Least and greatest pan, least and greatest tilt of the gaze, degrees.
 Region = tuple[float, float, float, float]
-# The joints that turn the gaze one after the other: about the vertical, and up or down.
+# Kinematic chains of the gaze: about the vertical, and up or down.
 _CHAINS = (("pan", "eye_pan", "body_yaw"), ("tilt", "eye_tilt"))
 
 
 def narrowed(
     neck: NeckSpec, gaze_region_deg: Region | None, speed_max_rad_s: float | None, framing: Framing | None = None
 ) -> NeckSpec:
-    """Narrow a neck's limits, which controllers, smoother and robot then all keep.
+    """Narrow a neck's limits, for controllers, smoother and robot.
 
-    Where several joints share the gaze, each gets the part of the region that it has of their common range. So their
-    sum is in the region for all their angles.
+    The region is distributed over the joints of a chain in proportion to their ranges, so that the sum of their angles
+    is always in the region.
 
     Args:
         neck: The neck.
         gaze_region_deg: Least and greatest pan, least and greatest tilt of the gaze, degrees; None for all.
         speed_max_rad_s: Greatest speed of each joint, rad/s; None for the joint's own.
-        framing: Has limits of acceleration and jerk.
+        framing: Limits of acceleration and jerk.
 
     Returns:
-        The neck with the limits of both.
+        The neck with all these limits.
 
     Raises:
-        SettingsError: If the neck cannot look into the region.
+        SettingsError: If the region is out of the neck's range.
     """
     picture = None if framing is None else FramedPicture.of(framing, neck)
     neck = neck if picture is None else picture.calmed(neck)
@@ -59,7 +59,7 @@ def _within(joints: dict[str, Axis], low_deg: float, high_deg: float, what: str)
     def part(axis: Axis, share: float) -> float:
         return axis.position_min_deg + share * (axis.position_max_deg - axis.position_min_deg)
 
-    # Of the common range; the parts of all joints add up to the region's ends.
+    # Shares of the common range: the limits of all joints add up to those of the region.
     low, high = ((end - least_deg) / (most_deg - least_deg) for end in (low_deg, high_deg))
     return {
         name: axis.model_copy(update={"position_min_deg": part(axis, low), "position_max_deg": part(axis, high)})

@@ -1,4 +1,4 @@
-"""The picture of a camera that the neck turns: where a head is to stand in it, and how far from there it may be."""
+"""Framing of a head in the picture of a camera on the neck: reference position and dead zone."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from gazempc.neck.spec import AXES, Axis, NeckSpec
 from gazempc.specfiles import Strict
 from gazempc.types import FloatArray
 
-# Rate of the head's direction at which the lead room is used by three quarters, pictures a second: between sway and
-# a person who crosses the picture in four seconds.
+# Rate of the head's direction at which three quarters of the lead room are used, pictures a second: between sway and a
+# person who crosses the picture in four seconds.
 _LEADS_FROM_PER_S = 0.25
-# Standard deviations of the forecast direction, and more, by which a head is outside before the camera turns back.
+# Widening of the zone against reversals, in standard deviations of the forecast direction.
 _TURNS_BACK_SDS = 1.5
-# Shares of the zone for plans before a person at rest, and before one who crosses the picture.
+# Shares of the zone that plans use, for a person at rest and for one who crosses the picture.
 _RESTS_IN, _FOLLOWS_IN = 0.9, 0.5
-# The answer to an excursion that ends within the delay adds two moves. Of 1, 1.5 and 2 delays the first has a third
-# more reversals on the slowest camera, the last up to a point less time in the zone (`docs/rivals.md`).
+# A response to an excursion that ends within the delay causes two unnecessary moves. Of 1, 1.5 and 2 delays the first
+# has a third more reversals on the slowest camera, the last up to a point less time in the zone (`docs/rivals.md`).
 _EXCURSION_DELAYS, _SHORTEST_EXCURSION_S = 1.5, 0.02
 _Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -59,14 +59,14 @@ class Framing(Strict):
 
 @dataclass(frozen=True)
 class FramedPicture:
-    """A framing in the angles of one picture; an angle a share of the picture is taken as that share of its angle.
+    """A framing in angles; a share of the picture is converted to the same share of its field of view.
 
     Attributes:
         view_rad: Width and height, radians.
         zone_rad: Half width and half height of the zone, radians.
-        above_rad: Angle of the head above the middle.
-        lead_rad: Angle of a walker behind the middle, at most.
-        hysteresis_per_s: Share by which the zone is wider against a turn back, for each second of delay.
+        above_rad: Angle of the head above the centre of the picture.
+        lead_rad: Maximum angle of a walker behind the centre (lead room).
+        hysteresis_per_s: Relative widening of the zone against reversals, per second of delay.
         acceleration_max_rad_s2: Limit of each joint's acceleration.
         jerk_max_rad_s3: Limit of its jerk.
     """
@@ -81,10 +81,10 @@ class FramedPicture:
 
     @staticmethod
     def of(framing: Framing, neck: NeckSpec) -> FramedPicture | None:
-        """The picture of a framing on a neck; None for a framing that is off.
+        """The picture of a framing on a neck; None for a disabled framing.
 
         Raises:
-            SettingsError: If the angles of the picture are not known.
+            SettingsError: If the field of view is unknown.
         """
         if framing.subject == "no":
             return None
@@ -104,10 +104,10 @@ class FramedPicture:
         )
 
     def aim_rad(self, head_rad: FloatArray, turning_rad_s: FloatArray | float) -> FloatArray:
-        """Where the camera is to point for a head: below it by the headroom, ahead of it by the lead room.
+        """Reference angles of the camera: below the head by the headroom, ahead of it by the lead room.
 
         Args:
-            head_rad: Pan and tilt that look at the head, shape (..., 2), radians.
+            head_rad: Look-at angles of the head, shape (..., 2), radians.
             turning_rad_s: Rate of this pan, shape (...), rad/s.
 
         Returns:
@@ -120,20 +120,20 @@ class FramedPicture:
         return aim_rad
 
     def planned_zone_rad(self, axis: int, turning_rad_s: float) -> float:
-        """Half of the zone for a plan: before a person at rest most of it, else with room for the forecast's error.
+        """Half width of the zone in a plan: larger for a person at rest; the rest is a margin for forecast error.
 
         Args:
             axis: 0 for pan, 1 for tilt.
-            turning_rad_s: Rate of the angle that looks at the head, rad/s.
+            turning_rad_s: Rate of the look-at angle, rad/s.
         """
         return self.zone_rad[axis] * (_RESTS_IN + self._moves(axis, turning_rad_s) * (_FOLLOWS_IN - _RESTS_IN))
 
     def turns_back_rad(self, axis: int, delay_s: float, deviation_rad: FloatArray) -> FloatArray:
-        """Angle by which the zone is wider against a turn back; at most to the edge of the picture.
+        """Hysteresis: widening of the zone against reversals; at most to the edge of the picture.
 
         Args:
             axis: 0 for pan, 1 for tilt.
-            delay_s: Time from the newest picture to the motion that answers it, seconds.
+            delay_s: Delay from the newest picture to the motion in response, seconds.
             deviation_rad: Standard deviation of the forecast's angle, any shape, radians.
 
         Returns:
@@ -144,26 +144,26 @@ class FramedPicture:
         return np.minimum(wider_rad, edge_rad - zone_rad)
 
     def excursion_s(self, delay_s: float) -> float:
-        """Duration from which on an excursion of a person who stays is answered.
+        """Minimum duration of an excursion that causes a response, for a person at rest.
 
         Args:
-            delay_s: Time from the newest picture to the motion that answers it, seconds.
+            delay_s: Delay from the newest picture to the motion in response, seconds.
         """
         return max(_EXCURSION_DELAYS * delay_s, _SHORTEST_EXCURSION_S)
 
     def waits_rad(self, axis: int, turning_rad_s: float, share: float) -> float:
-        """Angle by which the zone is wider on both sides before a person who stays and has just left it.
+        """Widening of the zone on both sides for a person at rest, early in an excursion.
 
         Args:
             axis: 0 for pan, 1 for tilt.
-            turning_rad_s: Certain part of the rate of the angle that looks at the head, rad/s.
+            turning_rad_s: Significant part of the rate of the look-at angle, rad/s.
             share: Duration of the excursion as a share of `excursion_s`, 0 to 1.
         """
         edge_rad = 0.5 * self.view_rad[axis] - self.zone_rad[axis]
         return (1.0 - self._moves(axis, turning_rad_s)) * (1.0 - share) * edge_rad
 
     def _moves(self, axis: int, turning_rad_s: float) -> float:
-        """0 before a person at rest, towards 1 before one who crosses the picture."""
+        """Motion indicator: 0 for a person at rest, towards 1 for one who crosses the picture."""
         return math.tanh(abs(turning_rad_s) / (_LEADS_FROM_PER_S * self.view_rad[axis]))
 
     def calmed(self, neck: NeckSpec) -> NeckSpec:

@@ -1,17 +1,17 @@
-"""Rules of thumb for figures that the data sheet of a neck lacks."""
+"""Rules of thumb for parameters missing in the data sheet of a neck."""
 
 from __future__ import annotations
 
-# The data sheet's top speed is that of a motor without a load.
+# Speed under load as a share of the no-load speed of the data sheet.
 SPEED_SHARE = 0.8
-# Top speed is reached within 0.2 s: 5 times the speed. The shipped necks have 3.3 to 6.
+# Acceleration to top speed within 0.2 s. The shipped necks have 3.3 to 6.
 ACCELERATION_PER_SPEED_1_S = 5.0
-# Full acceleration is reached within 0.05 s: 20 times it, as in the shipped necks.
+# Full acceleration within 0.05 s, as in the shipped necks.
 JERK_PER_ACCELERATION_1_S = 20.0
-# A servo that follows a 1.9 Hz sine, as those of the shipped necks `reference` and `fetch`.
+# Servo bandwidth of 1.9 Hz, as in the shipped necks `reference` and `fetch`.
 NATURAL_FREQUENCY_RAD_S = 12.0
 DAMPING_RATIO = 0.9
-# Through a network and a controller's cycle, as in `fetch` and `pr2`.
+# Network plus the cycle of a robot's controller, as in `fetch` and `pr2`.
 DEAD_TIME_S = 0.1
 
 RULES: dict[str, str] = {

@@ -1,4 +1,4 @@
-"""The joint's servo: second-order follower behind an exact dead time."""
+"""The joint's servo: second-order system with exact dead time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SAME_TIME_S = 1e-9
 
 
 def servo_model(axis: Axis) -> FloatArray:
-    """The servo without its dead time, for a command that is held: d/dt [q, q'] = A [q, q'] + B u.
+    """State-space model of the servo without its dead time: d/dt [q, q'] = A [q, q'] + B u.
 
     Args:
         axis: The joint.
@@ -28,7 +28,7 @@ def servo_model(axis: Axis) -> FloatArray:
 
 
 def zero_order_hold(axis: Axis, dt_s: float) -> FloatArray:
-    """Exact transition of the servo over a time in which the command is held.
+    """Exact discretisation of the servo with zero-order hold.
 
     Args:
         axis: The joint.
@@ -40,19 +40,19 @@ def zero_order_hold(axis: Axis, dt_s: float) -> FloatArray:
     return np.array(_transition(axis.natural_frequency_rad_s, axis.damping_ratio, dt_s)).reshape(2, 3)
 
 
-# In a replay few lengths of step come again and again. Safe: numbers in, numbers out.
+# Cached: a replay has few different steps. Safe: arguments and result are immutable.
 @lru_cache(maxsize=256)
 def _transition(wn: float, zeta: float, dt_s: float) -> tuple[float, ...]:
-    """[Ad Bd] row by row, in closed form: on a clock that jitters every step is another, and this takes microseconds.
+    """[Ad Bd] row by row, in closed form, in microseconds: with clock jitter every step differs.
 
     With s = sqrt(zeta^2 - 1) wn dt the matrix exponential of A dt is
-    ``exp(-zeta wn dt) (cosh(s) I + sinh(s) / s (A + zeta wn I) dt)``; below zeta = 1 cos and sin take the place of cosh
-    and sinh, and at 1 what both tend to.
+    ``exp(-zeta wn dt) (cosh(s) I + sinh(s) / s (A + zeta wn I) dt)``; below zeta = 1 with cos and sin in place of cosh
+    and sinh, at zeta = 1 with their limits.
     """
     decay, square = zeta * wn * dt_s, (zeta**2 - 1.0) * (wn * dt_s) ** 2
     s = math.sqrt(abs(square))
     if square > 0.0:
-        # The decay goes into the exponents: apart, cosh could overflow.
+        # Decay and growth in one exponent: cosh alone could overflow.
         slow, fast = math.exp(s - decay), math.exp(-s - decay)
         even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / s
     else:
@@ -65,13 +65,13 @@ def _transition(wn: float, zeta: float, dt_s: float) -> tuple[float, ...]:
 class DelayedServo:
     """One simulated joint. Commands act exactly `dead_time_s` after they were sent, also between ticks.
 
-    A joint that takes speeds follows the integral of the speed that acts, from where it started.
+    A velocity-controlled joint follows the integral of the acting speed, from its initial position.
 
     Args:
         axis: The joint.
-        position_rad: Where it stands at rest when time starts, with the command equal to it, radians.
-        time_s: Time at which it starts, seconds.
-        stops_rad: Where the integral of the speeds ends, lowest and highest, radians.
+        position_rad: Initial position and command, at rest, radians.
+        time_s: Initial time, seconds.
+        stops_rad: Lower and upper saturation of the integral of the speeds, radians.
     """
 
     def __init__(
@@ -97,27 +97,27 @@ class DelayedServo:
         """Send a command at the present time.
 
         Args:
-            command: Position to go to, radians, or speed to hold, rad/s, as the axis takes it; until the next one.
+            command: Position, radians, or speed, rad/s, by the type of the axis; held until the next one.
         """
         self._waiting.append((self._time_s + self._dead_time_s, command))
 
     def correct(self, position_rad: float, velocity_rad_s: float) -> None:
-        """Add to position and velocity; for an observer whose model this is."""
+        """Add to position and velocity: the correction step of an observer."""
         self._q += position_rad
         self._v += velocity_rad_s
 
     def stand(self, position_rad: float) -> None:
-        """Stand still at a position until the next command acts; for an observer that finds the joint there."""
+        """Set state and acting command to rest at a position: the initialisation of an observer."""
         self._q, self._v, self._acting_rad, self._acting_rad_s = position_rad, 0.0, position_rad, 0.0
 
     def advance_to(self, time_s: float) -> None:
-        """Move on in time.
+        """Simulate up to a time.
 
         Args:
             time_s: New time, seconds, not before the present one.
 
         Raises:
-            ValueError: If time would run backwards.
+            ValueError: If the new time is before the present one.
         """
         if time_s < self._time_s - _SAME_TIME_S:
             raise ValueError(f"time cannot run backwards: {self._time_s} -> {time_s}")
@@ -151,7 +151,7 @@ class DelayedServo:
         self._q, self._v = qq * q + qv * v + qu * u, vq * q + vv * v + vu * u
 
     def _ramp(self, dt_s: float, speed: float) -> None:
-        # Behind a ramp the servo settles to moving as fast as it, late by the lag; what differs from that decays.
+        # Ramp response: the particular solution trails by the lag, the deviation from it decays.
         qq, qv, _, vq, vv, _ = _transition(self._wn, self._zeta, dt_s)
         settled = self._acting_rad - speed * self._lag_s
         q, v = self._q - settled, self._v - speed

@@ -17,12 +17,12 @@ from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.specfiles import Strict, load_spec, shipped_names
 from gazempc.types import BoolArray, FloatArray
 
-# The joints that every neck has; eyes and body come after them.
+# The joints of every neck; optional joints of eyes and body follow.
 AXES = ("pan", "tilt")
 EYE_AXES = ("eye_pan", "eye_tilt")
 BODY_AXIS = "body_yaw"
 _Share = Annotated[float, Field(ge=0, le=1)]
-# A replay of a whole walk works over all of the ranges below; beyond them equations lose their digits.
+# Replays of a whole walk are tested over the ranges below; beyond them the equations are ill-conditioned.
 _View = Annotated[float, Field(gt=0, le=180)]
 # Longer than any robot's arm or mast, metres.
 _Offset = Annotated[float, Field(ge=-3, le=3)]
@@ -31,7 +31,7 @@ _RULES = {field: f"rule of thumb: {rule}" for field, rule in RULES.items()}
 
 
 class Geometry(Strict):
-    """Positions of the axes and the eye. All zero: both axes and the eye in one point.
+    """Positions of the axes and the eye. All zero: both axes intersect at the eye.
 
     At pan = tilt = 0 all frames are parallel to the base frame (x forward, y left, z up).
     """
@@ -46,8 +46,8 @@ class Axis(Strict):
     """One joint: its limits and its servo ``x'' = wn^2 (c(t - dead time) - x) - 2 zeta wn x'``.
 
     x is the joint's angle q and c the commanded angle; with ``command = "velocity"`` x is its velocity and c the
-    commanded speed. Sent the derivative of a trajectory u, such a joint moves as one that is sent u itself: both are
-    ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``. So all that plans needs one model only.
+    commanded speed. With c = u' a velocity-controlled joint moves as a position-controlled one with c = u: both satisfy
+    ``q'' = wn^2 (u(t - dead time) - q) - 2 zeta wn q'``. So controllers need only one model.
     """
 
     command: Literal["position", "velocity"] = Field(
@@ -96,26 +96,26 @@ class Axis(Strict):
 
     @property
     def takes_speed(self) -> bool:
-        """Whether the joint is sent speeds."""
+        """Whether the joint is velocity-controlled."""
         return self.command == "velocity"
 
     @property
     def full_rad_s(self) -> float:
-        """Speed at the device's full command, rad/s, of a device without a table of its speeds."""
+        """Speed at the full command, rad/s, for a device without a table of speeds."""
         return self.full_speed_rad_s or self.velocity_max_rad_s
 
     @property
     def servo_lag_s(self) -> float:
-        """Time by which the joint trails a steadily moving command, 2 zeta / wn, seconds."""
+        """Lag of the ramp response, 2 zeta / wn, seconds."""
         return 2.0 * self.damping_ratio / self.natural_frequency_rad_s
 
     @property
     def servo_gain(self) -> float:
-        """By how much the servo can enlarge a command at worst: the integral of |impulse response|.
+        """Peak-to-peak gain of the servo: the integral of |impulse response|.
 
-        A joint that follows ``u`` through the servo is ``u`` convolved with the impulse response h, so no
-        derivative of the joint is larger than max |that derivative of u| times the integral of |h|. For
-        a second-order servo with overshoot M the integral is (1 + M) / (1 - M); without overshoot it is 1.
+        The joint's motion is ``u`` convolved with the impulse response h, so each derivative of it is bounded by the
+        maximum of the same derivative of u times the integral of |h|. For a second-order servo with overshoot M the
+        integral is (1 + M) / (1 - M); without overshoot it is 1.
         """
         if self.damping_ratio >= 1.0:
             return 1.0
@@ -124,7 +124,7 @@ class Axis(Strict):
 
 
 class Eyes(Strict):
-    """Eyes in the head. Both look the same way (version); they turn about `Geometry.eye_in_tilt_m`.
+    """Eyes in the head, with conjugate motion (version) about `Geometry.eye_in_tilt_m`.
 
     At eye_pan = eye_tilt = 0 they look along +x of the head.
     """
@@ -140,7 +140,7 @@ class Eyes(Strict):
 
 
 def _of_joints(field: str, meaning: str) -> cached_property[FloatArray]:
-    """Property with a number of each joint, shape (N,)."""
+    """Property with one value a joint, shape (N,)."""
 
     def values(neck: NeckSpec) -> FloatArray:
         return neck._per_axis(field)
@@ -188,14 +188,14 @@ class NeckSpec(Strict):
         return NeckSpec.model_validate(self.model_dump() | plain)
 
     def __eq__(self, other: object) -> bool:
-        # By the fields alone: arrays that were computed and kept have no truth value to compare by.
+        # Compares fields only: cached arrays have no truth value.
         return isinstance(other, NeckSpec) and self.model_dump() == other.model_dump()
 
     def __hash__(self) -> int:
         return hash((self.name, self.geometry, self.axes, self.control_rate_hz, self.servo_rate_hz))
 
     def with_axes(self, axes: dict[str, Axis]) -> NeckSpec:
-        """A copy with other joints, by their names."""
+        """A copy with joints replaced by name."""
         joints = dict(zip(self.joint_names, self.axes, strict=True)) | axes
         update: dict[str, Any] = {name: joints[name] for name in AXES}
         if self.eyes is not None:
@@ -226,7 +226,7 @@ class NeckSpec(Strict):
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints: ``pan``, ``tilt``, then ``eye_pan``, ``eye_tilt`` and ``body_yaw`` where there are."""
+        """Names of the joints: ``pan``, ``tilt``, then ``eye_pan``, ``eye_tilt`` and ``body_yaw`` if present."""
         return AXES + (() if self.eyes is None else EYE_AXES) + (() if self.body is None else (BODY_AXIS,))
 
     @property
@@ -236,16 +236,16 @@ class NeckSpec(Strict):
 
     @cached_property
     def speed_joints(self) -> BoolArray:
-        """Which joints are sent speeds, shape (N,)."""
+        """Mask of the velocity-controlled joints, shape (N,)."""
         return np.array([axis.takes_speed for axis in self.axes])
 
     @property
     def takes_speeds(self) -> bool:
-        """Whether a joint is sent speeds."""
+        """Whether any joint is velocity-controlled."""
         return bool(self.speed_joints.any())
 
     def _per_axis(self, name: str) -> FloatArray:
-        """A field of all joints; degrees become radians."""
+        """A field of all joints; degrees are converted to radians."""
         values = np.array([getattr(axis, name) for axis in self.axes], dtype=np.float64)
         return np.deg2rad(values) if name.endswith("_deg") else values
 
@@ -259,7 +259,7 @@ class NeckSpec(Strict):
 
     @cached_property
     def command_limits(self) -> CommandLimits:
-        """Limits on the command that keep command and joint within the limits of the neck."""
+        """Limits of the command that guarantee the neck's limits for command and joint."""
         gain = self._per_axis("servo_gain")
         centre = 0.5 * (self.position_max_rad + self.position_min_rad)
         half = 0.5 * (self.position_max_rad - self.position_min_rad) / gain
@@ -273,7 +273,7 @@ class NeckSpec(Strict):
 
     @cached_property
     def rest_rad(self) -> FloatArray:
-        """Where the joints rest without a person: `Axis.rest_deg`, or as near as the limits allow, radians."""
+        """Rest angles without a person: `Axis.rest_deg` clipped to the limits, radians."""
         return self.command_limits.clip_position(self._per_axis("rest_deg"))
 
 
@@ -312,6 +312,6 @@ def load_neck(name_or_path: str | Path) -> NeckSpec:
         The checked neck.
 
     Raises:
-        SettingsError: If there is no such neck or a field is wrong; the message names file and field.
+        SettingsError: If there is no such neck or a field is invalid; the message names file and field.
     """
     return load_spec(NeckSpec, "neck", name_or_path)

@@ -1,4 +1,4 @@
-"""The speeds that a device has, and the choice among them for a wanted speed."""
+"""Quantised speeds of a device, and their modulation for a demanded speed."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pydantic import Field, model_validator
 
 from gazempc.specfiles import Strict
 
-# Slower than a thousandth of a degree a second no camera turns.
+# Lower bound: slower than any camera, a thousandth of a degree a second.
 _Speed = Annotated[float, Field(ge=1e-5, le=1e3)]
 _Speeds = Annotated[tuple[_Speed, ...], Field(min_length=1, max_length=1000)]
 
 
 class SpeedSteps(Strict):
-    """The only speeds that a joint has, besides standing still.
+    """The quantised speeds of a joint, besides zero.
 
     Entry k - 1 is the speed of the device's step k: of pan or tilt speed k of VISCA, or of the share k / K of full
     speed by ONVIF, with K entries. The steps need not be linear, nor the same in both directions.
@@ -35,7 +35,7 @@ class SpeedSteps(Strict):
 
     @staticmethod
     def equal(most_rad_s: float, count: int) -> SpeedSteps:
-        """So many equal steps up to a top speed, rad/s, in both directions."""
+        """Equidistant steps up to a top speed, rad/s, in both directions."""
         speeds = tuple(most_rad_s * (k + 1) / count for k in range(count))
         return SpeedSteps(positive_rad_s=speeds, negative_rad_s=speeds)
 
@@ -56,7 +56,7 @@ class SpeedSteps(Strict):
             speed_rad_s: A speed, rad/s.
 
         Returns:
-            Its number, 0 for standing still; negative to the right or down.
+            Number of the step, 0 for zero speed; negative to the right or down.
         """
         return int(np.argmin(np.abs(np.array(self.levels_rad_s) - speed_rad_s))) - len(self.negative_rad_s)
 
@@ -64,26 +64,26 @@ class SpeedSteps(Strict):
         """Speed of a step.
 
         Args:
-            step: Its number, as `step` gives it.
+            step: Number of the step, as in `step`.
 
         Returns:
-            Its speed with its sign, rad/s.
+            Signed speed, rad/s.
         """
         return self.levels_rad_s[step + len(self.negative_rad_s)]
 
 
 class SpeedDither:
-    """Chooses among a device's speeds so that their mean is the wanted speed (first-order sigma-delta modulation).
+    """First-order sigma-delta modulation: the mean of the chosen speeds is the demanded speed.
 
-    Of the two speeds next to the wanted one it chooses that which makes up for more of the angle by which the joint is
-    behind. A wanted speed that the device has is chosen at once, so that a joint at rest stays there.
+    Of the two neighbours of the demanded speed, the one that leaves the smaller integrated error is chosen. A demanded
+    speed among the steps is chosen at once, so that a joint at rest stays there.
 
     Args:
-        steps: Speeds of the device; None if it has all of them.
-        most_rad_s: Top speed in use; faster steps are left out.
+        steps: Speeds of the device; None for continuous speeds.
+        most_rad_s: Top speed in use; faster steps are excluded.
 
     Attributes:
-        held_rad_s: The chosen speed with its sign, rad/s.
+        held_rad_s: The chosen signed speed, rad/s.
     """
 
     def __init__(self, steps: SpeedSteps | None, most_rad_s: float) -> None:
@@ -97,11 +97,11 @@ class SpeedDither:
         """Choose a speed.
 
         Args:
-            wanted_rad_s: The wanted speed, rad/s.
-            hold_s: Time for which it will probably be held, seconds.
+            wanted_rad_s: The demanded speed, rad/s.
+            hold_s: Expected holding time, seconds.
 
         Returns:
-            The speed with its sign, rad/s.
+            The signed speed, rad/s.
         """
         if not self._levels:
             self.held_rad_s = min(max(wanted_rad_s, -self._most_rad_s), self._most_rad_s)
@@ -111,7 +111,7 @@ class SpeedDither:
         if lower in (wanted_rad_s, upper):
             self._behind_rad, self.held_rad_s = 0.0, lower
             return lower
-        # Anti-windup: at most what one hold can make up for.
+        # Anti-windup: bounded by the correction of one holding time.
         most_rad = (upper - lower) * hold_s
         self._behind_rad = min(max(self._behind_rad, -most_rad), most_rad)
         aim = wanted_rad_s + self._behind_rad / hold_s
@@ -119,10 +119,10 @@ class SpeedDither:
         return self.held_rad_s
 
     def hold(self, wanted_rad_s: float, time_s: float) -> None:
-        """Account for a time in which the chosen speed was held.
+        """Integrate the error over a holding time.
 
         Args:
-            wanted_rad_s: The speed that was wanted meanwhile, rad/s.
-            time_s: The time, seconds.
+            wanted_rad_s: The speed demanded meanwhile, rad/s.
+            time_s: The holding time, seconds.
         """
         self._behind_rad += (wanted_rad_s - self.held_rad_s) * time_s

@@ -1,1 +1,1 @@
-"""Several people: tracks, attention, looks away. May import gazempc.neck and predictors."""
+"""Several people: tracking, attention, gaze aversion. May import gazempc.neck and predictors."""

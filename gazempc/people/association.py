@@ -11,9 +11,9 @@ from scipy.optimize import linear_sum_assignment
 from gazempc.types import BoolArray, FloatArray
 from predictors.gate import GATE_D2, allowance_m
 
-# Of people who turn and stop. More than a forecast's own noise: people depart from straight lines.
+# Process noise of people who turn and stop; larger than a predictor's, as constant velocity is a coarse model.
 _ACCELERATION_PSD = 0.5
-# Of a new track: as fast as people walk.
+# Initial standard deviation of the velocity: walking speed.
 _INITIAL_SPEED_SD_M_S = 1.0
 _EYE3 = np.eye(3)
 
@@ -38,14 +38,14 @@ class Motion:
 
     @staticmethod
     def begin(position_m: FloatArray, noise_m2: FloatArray) -> Motion:
-        """A new track.
+        """Initial estimate of a new track.
 
         Args:
-            position_m: Shape (3,), metres.
+            position_m: Measured position, shape (3,), metres.
             noise_m2: Covariance of its error, shape (3, 3).
 
         Returns:
-            One person's motion.
+            Motion of one person.
         """
         nothing = np.zeros((1, 3, 3))
         vv = _INITIAL_SPEED_SD_M_S**2 * _EYE3[None]
@@ -53,37 +53,37 @@ class Motion:
 
     @staticmethod
     def stack(parts: Sequence[Motion]) -> Motion:
-        """Join motions.
+        """Concatenate motions.
 
         Args:
             parts: Motions; at least one.
 
         Returns:
-            All their people, in this order.
+            All people, in this order.
         """
         return Motion(
             *(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True))
         )
 
     def of(self, which: Sequence[int] | slice) -> Motion:
-        """Some of the people.
+        """Select people.
 
         Args:
-            which: Their numbers.
+            which: Indices.
 
         Returns:
-            Their motion.
+            Motion of the selected people.
         """
         return Motion(*(values[which] for values in vars(self).values()))
 
     def after(self, dt_s: FloatArray) -> Motion:
-        """The motion a while later, at constant velocity.
+        """Kalman prediction at constant velocity.
 
         Args:
-            dt_s: How much later each is, shape (N,), seconds.
+            dt_s: Prediction time of each person, shape (N,), seconds.
 
         Returns:
-            The motion.
+            The predicted motion.
         """
         dt = dt_s[:, None, None]
         return Motion(
@@ -98,14 +98,14 @@ class Motion:
         )
 
     def corrected(self, measured_m: FloatArray, noise_m2: FloatArray) -> Motion:
-        """Correct by measured positions.
+        """Kalman update with measured positions.
 
         Args:
-            measured_m: One of each person, shape (N, 3), metres.
+            measured_m: One position a person, shape (N, 3), metres.
             noise_m2: Covariances of their errors, shape (N, 3, 3).
 
         Returns:
-            The motion.
+            The updated motion.
         """
         inverse = np.linalg.inv(self.pp_m2 + noise_m2)
         gain_p, gain_v = self.pp_m2 @ inverse, np.swapaxes(self.pv, 1, 2) @ inverse
@@ -115,15 +115,15 @@ class Motion:
         return Motion(
             self.position_m + (gain_p @ innovation)[:, :, 0],
             self.velocity_m_s + (gain_v @ innovation)[:, :, 0],
-            # Rounding makes them a little unsymmetric, and that grows.
+            # Symmetrise: asymmetry from rounding would accumulate.
             0.5 * (pp + np.swapaxes(pp, 1, 2)),
             self.pv - gain_p @ self.pv,
             0.5 * (vv + np.swapaxes(vv, 1, 2)),
         )
 
 
-# What a tracker's names are worth beside distances in standard deviations, as twice the logarithm of the odds. A name
-# that agrees is right 400 times as often as one that differs. People whose gates do not overlap never swap by it.
+# Cost of a tracker's names relative to squared Mahalanobis distances: twice the log odds. A matching name is correct
+# 400 times as often as a different one. The gates still apply: distant people are never swapped.
 _OTHER_NAME_COST, _NO_NAME_COST = 12.0, 6.0
 _NEVER = 1e9
 
@@ -136,26 +136,26 @@ def assign(
     noise_m2: FloatArray,
     names: Sequence[str | None],
 ) -> list[tuple[int, int]]:
-    """Assign detections of one instant to people.
+    """Optimal assignment of detections of one instant to tracks.
 
-    The cost is minus twice the log likelihood of the detection, and something for a name that differs.
+    Cost: minus twice the log-likelihood of the detection, plus a penalty for a different name.
 
     Args:
-        expected: The people's motion at this instant.
-        unseen_s: Time since each of them was seen, shape (N,), seconds.
-        track_names: Last name that the tracker gave each of them; None without one.
+        expected: Predicted motion of the people at this instant.
+        unseen_s: Time since the last detection of each person, shape (N,), seconds.
+        track_names: Last tracker name of each person; None for no name.
         measured_m: Detections, shape (D, 3), metres.
         noise_m2: Covariances of their errors, shape (D, 3, 3).
-        names: Names of the detections; None without one.
+        names: Tracker names of the detections; None for no name.
 
     Returns:
-        Pairs of person and detection; each is in one pair at most.
+        Pairs of indices of person and detection; each index occurs at most once.
     """
     spread = expected.pp_m2[:, None] + noise_m2
     spread = spread + (allowance_m(unseen_s) ** 2)[:, None, None, None] * np.eye(3)
     apart = measured_m - expected.position_m[:, None]
     d2 = (apart[:, :, None, :] @ np.linalg.inv(spread) @ apart[:, :, :, None])[:, :, 0, 0]
-    near = d2 <= GATE_D2  # a NaN is not near
+    near = d2 <= GATE_D2  # False for NaN
     cost = np.where(near, d2 + np.log(np.linalg.det(spread)) + _name_cost(track_names, names), _NEVER)
     rows, columns = linear_sum_assignment(cost)
     return [(row, column) for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if near[row, column]]

@@ -1,4 +1,4 @@
-"""One look away: when, where to, and how the gaze gets there and back in time."""
+"""One gaze aversion: times, direction, and the gaze shifts there and back."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 from predictors import Forecast
 
-# Contact ends and begins 2.6 deg from the person (see docs/metrics.md). Heads round the shift off, and forecasts err.
-# So it is planned for this angle: gazes then leave and return within 0.04 s of the plan. Eyes follow it as it is.
+# Contact ends and begins 2.6 deg from the person (see docs/metrics.md). As heads smooth the shift and forecasts have
+# errors, it is planned for these angles: contact then ends and begins within 0.04 s of the plan. Eyes do not smooth it.
 _HEAD_CONTACT_RAD, _EYE_CONTACT_RAD = math.radians(0.6), math.radians(2.4)
-# A shift uses this share of the limits: the person walks meanwhile, and forecasts change.
+# Share of the limits for a shift; the rest is for the tracking of the person and changes of the forecast.
 _LIMITS_SHARE = 0.8
-# Shortest duration of a shift: a quicker one startles.
+# Shortest duration of a shift: a faster one startles people.
 _QUICKEST_S = 0.25
 # Peaks of a minimum-jerk motion of 1 rad in 1 s (Flash & Hogan 1985): velocity, acceleration, jerk.
 PEAK_VELOCITY, _PEAK_ACCELERATION, _PEAK_JERK = 1.875, 5.774, 60.0
-# A look away that is shortened to less is none.
+# Smallest angle of an aversion that is shortened to fit its time.
 _SMALLEST_RAD = math.radians(6.0)
 
 
 @dataclass(frozen=True)
 class Aversion:
-    """A look away.
+    """A gaze aversion.
 
     Attributes:
-        start_s: When contact ends, seconds.
-        end_s: When contact is due again, seconds.
-        aside_rad: How far from the person it goes to the left, radians.
-        up_rad: How far up, radians.
+        start_s: End of contact, seconds.
+        end_s: Time of renewed contact, seconds.
+        aside_rad: Angle to the left of the person, radians.
+        up_rad: Angle upwards, radians.
         why: ``listening``, ``speaking``, ``thinking``, ``speech`` or ``glance``.
-        target_base_m: What is looked at instead, shape (3,), metres; None for a direction from the person.
+        target_base_m: Gaze target, shape (3,), metres; None for a direction relative to the person.
     """
 
     start_s: float
@@ -48,17 +48,17 @@ class Aversion:
 
     @property
     def angle_rad(self) -> float:
-        """How far from the person it goes, radians."""
+        """Angle between aversion and person, radians."""
         return math.hypot(self.aside_rad, self.up_rad)
 
 
 @dataclass(frozen=True)
 class GazeShift:
-    """How a neck looks away by some angle.
+    """Timing of a gaze shift.
 
     Attributes:
-        lasts_s: Duration of the way there, and of that back, seconds.
-        leaves_after_s: From its beginning until contact ends, seconds.
+        lasts_s: Duration of the shift away, and of the shift back, seconds.
+        leaves_after_s: Time from the start of the shift to the end of contact, seconds.
     """
 
     lasts_s: float
@@ -66,7 +66,7 @@ class GazeShift:
 
 
 def shift_of(neck: NeckSpec, aside_rad: float, up_rad: float) -> GazeShift:
-    """How a neck can look away: along a minimum-jerk motion that its limits allow.
+    """Fastest minimum-jerk shift within the limits of a neck.
 
     Args:
         neck: The neck.
@@ -93,14 +93,14 @@ def shift_of(neck: NeckSpec, aside_rad: float, up_rad: float) -> GazeShift:
 
 
 def fitted(aversion: Aversion, neck: NeckSpec) -> Aversion | None:
-    """Make a look away one that the neck can do in its time.
+    """Reduce the angle of an aversion until the neck can execute it in its time.
 
     Args:
-        aversion: The look away.
+        aversion: The aversion.
         neck: The neck.
 
     Returns:
-        The same, or one to a smaller angle; None if even a small one does not fit. One to a target has to fit as it is.
+        The same, or one with a smaller angle; None if it is infeasible. The angle to a target is not reduced.
     """
     angle_rad = aversion.angle_rad
     while angle_rad >= _SMALLEST_RAD:
@@ -115,18 +115,18 @@ def fitted(aversion: Aversion, neck: NeckSpec) -> Aversion | None:
 
 
 def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> Forecast:
-    """Set-point of the gaze while a person is forecast and a look away is planned.
+    """Set-point of the gaze from the forecast of a person and an aversion.
 
-    The way there begins before contact ends, and the way back ends after contact is due, each by the time in which the
-    gaze is still, or already, within the cone.
+    The shift away begins before contact ends, and the shift back ends after contact begins, each by the time in which
+    the gaze is within the cone of contact.
 
     Args:
-        forecast: Of the person.
-        aversion: The look away.
-        shift: How the neck does it.
+        forecast: Forecast of the person.
+        aversion: The aversion.
+        shift: Timing of its shifts.
 
     Returns:
-        The forecast with other positions where the gaze is to be elsewhere; its covariances are the person's.
+        The forecast, with means moved during the aversion; its covariances are those of the person.
     """
     since_s = (forecast.times_s - aversion.start_s + shift.leaves_after_s) / shift.lasts_s
     until_s = (aversion.end_s + shift.leaves_after_s - forecast.times_s) / shift.lasts_s
@@ -142,12 +142,12 @@ def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> F
     elevation = np.clip(elevation, -1.5, 1.5)
     flat_m = range_m * np.cos(elevation)
     means = np.column_stack([flat_m * np.cos(azimuth), flat_m * np.sin(azimuth), range_m * np.sin(elevation)])
-    # What is far from any look away stays as it was, to the last bit.
+    # Means outside of the aversion stay bitwise identical.
     return replace(forecast, means_base_m=np.where(weight[:, None] > 0.0, means, forecast.means_base_m))
 
 
 def angles_to(target_base_m: FloatArray, person_base_m: FloatArray) -> tuple[float, float]:
-    """How far a target is from a person, seen from the neck.
+    """Angles between a target and a person, as viewed from the neck.
 
     Args:
         target_base_m: Shape (3,), metres.
@@ -167,5 +167,5 @@ def _spherical(positions_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def minimum_jerk(share: FloatArray | np.float64) -> FloatArray:
-    """Share of the way that a minimum-jerk motion has made by a share of its time, 0 to 1, of the same shape."""
+    """Normalised minimum-jerk profile: share of the distance at a share of the time, 0 to 1, of the same shape."""
     return np.asarray(share**3 * (10.0 - 15.0 * share + 6.0 * share**2))

@@ -18,11 +18,11 @@ NOT_AT_ALL = math.nan
 
 @dataclass(frozen=True)
 class Sound:
-    """Speech, and where it came from.
+    """Speech with its direction.
 
     Attributes:
-        time_s: When it was heard, seconds.
-        azimuth_rad: Its direction in the base frame, radians, positive to the left.
+        time_s: Time of detection, seconds.
+        azimuth_rad: Direction in the base frame, radians, positive to the left.
     """
 
     time_s: float
@@ -35,12 +35,12 @@ class Sound:
 
 @dataclass(frozen=True)
 class Company:
-    """All people who are there at one time.
+    """All people present at one time.
 
     Attributes:
         time_s: The time, seconds.
-        people: Candidates, in the order in which they entered.
-        attended: Number of the person who is looked at; None for no person.
+        people: Candidates, in order of entry.
+        attended: Number of the attended person; None for no person.
         sounds: Speech of the last seconds, oldest first.
     """
 
@@ -54,7 +54,7 @@ class AttentionPolicy(Protocol):
     """Scores people; `gazempc.people.attention.Attention` decides on switches."""
 
     def reset(self) -> None:
-        """Forget all people."""
+        """Discard all state."""
         ...
 
     def scores(self, company: Company) -> Sequence[float]:
@@ -64,32 +64,32 @@ class AttentionPolicy(Protocol):
             company: The people.
 
         Returns:
-            One number a person, in the order of `company.people`: the largest is looked at; NaN for not at all.
+            One score a person, in the order of `company.people`: the largest is attended; NaN excludes a person.
         """
         ...
 
 
-# More than any program sends between two ticks.
+# Length of the queue: more than any program sends between two ticks.
 _WAITING_MAX = 256
 
 
 @dataclass(frozen=True)
 class Thinking:
-    """A look away as while thinking; duration in seconds."""
+    """Gaze aversion of a thinking person; duration in seconds."""
 
     lasts_s: float
 
 
 @dataclass(frozen=True)
 class Speech:
-    """An utterance starts so much later than now: seconds."""
+    """Time until the start of an utterance, seconds."""
 
     in_s: float
 
 
 @dataclass(frozen=True)
 class Glance:
-    """Glance at something: base frame, shape (3,), metres; without contact for so long, seconds."""
+    """Glance at a target: base frame, shape (3,), metres; duration without contact, seconds."""
 
     target_base_m: FloatArray
     lasts_s: float
@@ -97,14 +97,14 @@ class Glance:
 
 @dataclass(frozen=True)
 class Rhythm:
-    """Look away by this rhythm from now on."""
+    """Change of the rhythm of gaze aversion."""
 
     mode: LookAwayMode
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Look at the person with this name of the tracker, as long as they are there; None: whom the policy prefers."""
+    """Attend the person with this tracker name while present; None: the policy's choice."""
 
     person_id: str | None
 
@@ -113,13 +113,13 @@ Cue = Sound | Thinking | Speech | Glance | Rhythm | Choice
 
 
 class Cues:
-    """Hands cues from the thread of a program to the loop."""
+    """Thread-safe queue of cues from a program to the loop."""
 
     def __init__(self) -> None:
         self._waiting: deque[Cue] = deque(maxlen=_WAITING_MAX)
 
     def put(self, cue: Cue) -> None:
-        """Hand one over, from any thread.
+        """Add a cue, from any thread.
 
         Args:
             cue: The cue.
@@ -127,5 +127,5 @@ class Cues:
         self._waiting.append(cue)
 
     def take(self) -> list[Cue]:
-        """All cues since the last call."""
+        """Remove and return all cues."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]

@@ -1,9 +1,9 @@
 """Engagement of people with the robot, by distance, gaze and time.
 
 After the visual social engagement of Webb & Lemaignan ("Measuring Visual Social Engagement from Proxemics and Gaze"),
-as the ROS4HRI node hri_engagement computes it. How near the robot is to the axis of the person's gaze is multiplied by
-a factor that falls with the logarithm of the distance. The mean over some seconds counts. Its third factor, how near
-the person is to the axis of the robot's gaze, is left out: a robot that has to decide whom to turn to looks elsewhere.
+as implemented by the ROS4HRI node hri_engagement: proximity of the robot to the axis of the person's gaze, times a
+factor that decreases with the logarithm of the distance, averaged over some seconds. The third factor, proximity of the
+person to the axis of the robot's gaze, is omitted: before the decision the robot looks elsewhere.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from scipy.spatial.transform import Rotation
 from gazempc.people.company import Company
 from gazempc.people.person import PersonState
 
-# Of hri_engagement: the half angle of a person's field of view, and where engagement ends.
+# From hri_engagement: half angle of a person's field of view, and maximum distance.
 _FIELD_OF_VIEW_RAD, _FARTHEST_M = math.radians(60.0), 4.0
-# Least time of watching before a decision. hri_engagement waits as long, for half of its window.
+# Length of the window, and minimum observation time; as hri_engagement, which waits for half of its window.
 WINDOW_S = 5.0
-# Means over the window above and below which a person is engaged and is not. On hri_engagement's recordings people who
-# look at the robot have 0.61 to 0.84, the others 0.10 to 0.58. Its own threshold, 0.5, has the third factor in it.
+# Thresholds of the mean for engaged and disengaged, with hysteresis. On hri_engagement's recordings people who look at
+# the robot have 0.61 to 0.84, the others 0.10 to 0.58. Its threshold, 0.5, includes the third factor.
 _ENGAGED_ABOVE, _DISENGAGED_BELOW = 0.60, 0.58
 # A longer gap without a face empties the window.
 _GAP_S = 1.0
@@ -30,13 +30,13 @@ _FORWARD = np.array([1.0, 0.0, 0.0])
 
 
 def visual_engagement(person: PersonState) -> float | None:
-    """How much a person is engaged at one time.
+    """Instantaneous engagement of a person.
 
     Args:
         person: The person, with the orientation of the head.
 
     Returns:
-        0 to 1; None where the orientation is not known.
+        0 to 1; None if the orientation is unknown.
     """
     if person.head_quat_wxyz is None:
         return None
@@ -66,7 +66,7 @@ class Engagement:
             company: The people.
 
         Returns:
-            By their number, whether they are engaged; None while it is not decided.
+            Engagement by number of the person; None while undecided.
         """
         here = {person.number for person in company.people}
         self._seen = {number: seen for number, seen in self._seen.items() if number in here}

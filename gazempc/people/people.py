@@ -1,4 +1,4 @@
-"""All people around: detections in, one track a person out."""
+"""Multi-person tracker: association of detections, birth and death of tracks, re-identification."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 
-# Birth of a track: false detections rarely last for three frames.
+# Detections that confirm a track: false ones rarely last for three frames.
 _CONFIRMED_BY = 3
-# A track that is not confirmed, and misses a frame, ends without a sighting for so long.
+# Timeout of a tentative track that has missed a frame.
 _TENTATIVE_S = 0.3
-# Two heads are farther apart: detections within this are one person, seen twice.
+# Detections within this distance, less than that of two heads, are duplicates of one person.
 _ONE_PERSON_M = 0.25
-# A person who comes back under the same name cannot have gone farther: this fast, and with this error.
+# Reachability gate of re-identification by name: speed and position error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
-# A person without a name, hidden for at most this time, is near the extrapolated position.
+# Re-identification without a name: longest occlusion, and growth of the distance from the extrapolated position.
 _WALKED_ON_S, _STRAYED_M_S = 3.0, 0.2
-# End of a lost track: names that trackers give again after that are another person's.
+# End of a lost track; trackers may reuse its name afterwards.
 _FORGOTTEN_AFTER_S = 30.0
 
 
@@ -43,7 +43,7 @@ class Became(StrEnum):
 
 
 def frames_of(sightings: Sequence[Sighting]) -> Iterator[tuple[Sighting, ...]]:
-    """Put sightings that have arrived together into frames.
+    """Group sightings by capture time.
 
     Args:
         sightings: The sightings, in any order.
@@ -64,11 +64,11 @@ def frames_of(sightings: Sequence[Sighting]) -> Iterator[tuple[Sighting, ...]]:
 class People:
     """Keeps a track of each person.
 
-    Detections of one instant are assigned to the positions that are expected then. A track that is not seen coasts.
-    After `coast_s` its person is not there any more; under the same name they may come back.
+    Detections of one instant are assigned to the predicted positions. A track without a detection coasts. After
+    `coast_s` the person counts as absent, and may be re-identified.
 
     Args:
-        make_predictor: Makes one person's predictor.
+        make_predictor: Factory of a predictor for each person.
         coast_s: Time without a detection after which a track ends, seconds.
     """
 
@@ -81,27 +81,27 @@ class People:
         self._newest_s = -math.inf
 
     def see(self, observations: Sequence[HeadObservation]) -> list[tuple[int, Became]]:
-        """Take in detections of one frame.
+        """Process detections of one frame.
 
         Args:
-            observations: Detections of one instant (`frames_of`), in the base frame. Others of it may follow.
+            observations: Detections of one instant (`frames_of`), in the base frame; may be a part of the frame.
 
         Returns:
-            For each, the number of its person (0 for none) and what it has become.
+            For each detection, the number of the person (0 for none) and the result of the association.
         """
         if not observations:
             return []
         capture_s = min(seen.capture_time_s for seen in observations)
         frame_before_s, self._newest_s = self._newest_s, max(self._newest_s, capture_s)
-        self._let_go(self._newest_s, frame_before_s)
+        self._remove_ended(self._newest_s, frame_before_s)
         found: list[tuple[int, Became]] = [(0, Became.DUPLICATE)] * len(observations)
         left = list(range(len(observations)))
-        # Confirmed tracks come first: a tentative one takes no detection from them.
+        # Confirmed tracks have precedence over tentative ones.
         for confirmed in (True, False):
             tracks = [t for t in self._tracks if t.confirmed is confirmed and t.seen_s < capture_s]
             pairs = self._assigned(tracks, [observations[k] for k in left], capture_s)
             for track, which in pairs:
-                became = self._took(track, observations[left[which]])
+                became = self._updated(track, observations[left[which]])
                 found[left[which]] = (track.number, became)
             taken = {which for _, which in pairs}
             left = [k for which, k in enumerate(left) if which not in taken]
@@ -110,13 +110,13 @@ class People:
         return found
 
     def present(self, time_s: float) -> tuple[PersonState, ...]:
-        """All people who are there.
+        """All people present.
 
         Args:
             time_s: The time, seconds.
 
         Returns:
-            In the order in which they entered.
+            The people in order of entry.
         """
         there = sorted(self.confirmed, key=lambda track: track.number)
         there = [track for track in there if time_s - track.seen_s <= self._coast_s]
@@ -131,10 +131,10 @@ class People:
         """The track of a person.
 
         Args:
-            number: Which person.
+            number: Number of the person.
 
         Returns:
-            The track; None if there is no such person any more.
+            The track; None after its end.
         """
         return next((t for t in self.confirmed if t.number == number), None)
 
@@ -143,8 +143,8 @@ class People:
         """The confirmed tracks."""
         return [track for track in self._tracks if track.confirmed]
 
-    def _let_go(self, time_s: float, frame_before_s: float) -> None:
-        # A slow tracker has not missed a person who was in the frame before.
+    def _remove_ended(self, time_s: float, frame_before_s: float) -> None:
+        # A person detected in the previous frame is not missed yet, also at a low frame rate.
         lasts = {t: self._coast_s if t.confirmed or t.seen_s >= frame_before_s else _TENTATIVE_S for t in self._tracks}
         gone = [t for t, lasts_s in lasts.items() if time_s - t.seen_s > lasts_s]
         if gone:
@@ -155,7 +155,7 @@ class People:
     def _assigned(
         self, tracks: Sequence[TrackedPerson], observations: Sequence[HeadObservation], capture_s: float
     ) -> list[tuple[TrackedPerson, int]]:
-        """Tracks, with their motion corrected, and which of the observations is theirs."""
+        """Tracks, with updated motion, and the indices of their observations."""
         if not (tracks and observations):
             return []
         unseen_s: FloatArray = np.array([capture_s - track.seen_s for track in tracks])
@@ -170,12 +170,12 @@ class People:
             tracks[row].motion = corrected.of(slice(k, k + 1))
         return [(tracks[row], column) for row, column in pairs]
 
-    def _took(self, track: TrackedPerson, observation: HeadObservation) -> Became:
+    def _updated(self, track: TrackedPerson, observation: HeadObservation) -> Became:
         renamed = track.is_named_otherwise(observation)
         track.take(observation, track.motion)
         if track.confirmed:
             return Became.RENAMED if renamed else Became.USED
-        if track.sightings < _CONFIRMED_BY or self._is_seen_twice(track):
+        if track.sightings < _CONFIRMED_BY or self._is_duplicate(track):
             return Became.TENTATIVE
         track.confirmed = True
         earlier = self._earlier(track)
@@ -183,7 +183,7 @@ class People:
             self._count += 1
             track.number = self._count
             return Became.ENTERED
-        # The person of a lost track, or of one that jumped.
+        # Re-identification of a lost track, or of one that jumped.
         self._tracks = [t for t in self._tracks if t is not track and t is not earlier]
         self._gone = [t for t in self._gone if t is not earlier]
         track.number, track.since_s = earlier.number, earlier.since_s
@@ -203,18 +203,18 @@ class People:
         if near and near[0].seen_s == capture_s:
             return (near[0].number, Became.DUPLICATE)
         if near:
-            # Of two people who stand together, it may be either one's.
+            # Between two people who stand together it is ambiguous.
             used = len(near) == 1 and near[0].take_late(observation)
             return (near[0].number, Became.LATE if used else Became.OUT_OF_ORDER)
         self._tracks.append(TrackedPerson(0, observation, self._make_predictor()))
         return (0, Became.TENTATIVE)
 
-    def _is_seen_twice(self, track: TrackedPerson) -> bool:
+    def _is_duplicate(self, track: TrackedPerson) -> bool:
         others = [t for t in self.confirmed if abs(t.seen_s - track.seen_s) <= _TENTATIVE_S]
         return any(math.dist(t.motion.position_m[0], track.motion.position_m[0]) < _ONE_PERSON_M for t in others)
 
     def _earlier(self, track: TrackedPerson) -> TrackedPerson | None:
-        """The earlier track of this person: the last one of the same name, or the one extrapolated to this place."""
+        """The earlier track of this person: the last one with the same name, or one extrapolated to this position."""
         before = [t for t in (*self._gone, *self.confirmed) if t is not track and t.seen_s < track.since_s]
         for earlier in sorted(before, key=lambda t: -t.seen_s):
             named = None not in (earlier.tracker_id, track.tracker_id)
@@ -232,17 +232,17 @@ class People:
 
 
 def middle_of(forecasts: Sequence[Forecast]) -> Forecast:
-    """The middle of the box of several people, by directions from the base.
+    """Centre of the angular bounding box of several people.
 
     Args:
         forecasts: One a person, for the same times.
 
     Returns:
-        Halfway between the outermost pans and between the outermost tilts, at the mean distance; all else as the first.
+        Midpoints of the ranges of pan and of tilt, at the mean distance; all else from the first forecast.
     """
     means_m = np.array([forecast.means_base_m for forecast in forecasts])
     pans_rad, tilts_rad = np.moveaxis(pan_tilt_rad(means_m), -1, 0)
-    # From the first person's pan, so that people on both sides of straight behind are one group.
+    # Relative to the first person's pan, to avoid the wrap at +-180 deg.
     aside_rad = wrapped_rad(pans_rad - pans_rad[0])
     pan_rad = pans_rad[0] + 0.5 * (aside_rad.min(axis=0) + aside_rad.max(axis=0))
     tilt_rad = 0.5 * (tilts_rad.min(axis=0) + tilts_rad.max(axis=0))

@@ -1,4 +1,4 @@
-"""One person of several: identity, motion and predictor."""
+"""The track of one person: identity, motion and predictor."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
 from predictors.predictor import noise_m2
 
-# Cameras that look at the same time are not exact; people move by a centimetre meanwhile.
+# Synchronisation tolerance of cameras: people move by a centimetre in this time.
 ONE_FRAME_S = 0.01
-# Older frames do not improve a forecast. Only the person who is looked at needs forecasts: what the
-# others do is kept for so long, and taken in when it is their turn.
+# Length of the buffer of frames: older ones do not improve a forecast. Only the attended person is
+# forecast; the predictors of the others are updated lazily.
 _MEMORY_S = 1.5
-# With so many sightings a frame a predictor has caught up within half a second at 30 frames a second.
+# Buffered sightings processed a frame: empties the buffer within half a second at 30 frames a second.
 CATCH_UP = 3
-# Where a tracker states no error, positions are taken to be this wrong: they wander with posture, too.
+# Assumed covariance if a tracker states none; includes drift with posture.
 _POSITION_NOISE_M2 = 0.03**2 * np.eye(3)
-# A head turns away within less.
+# Maximum age of an orientation: the time in which a head turns away.
 _ORIENTATION_LASTS_S = 0.5
 
 
@@ -32,12 +32,12 @@ class PersonState:
     """Estimate of one person at one time: the input of attention policies.
 
     Attributes:
-        number: Which person, from 1 on; never given twice in a run.
-        tracker_id: The tracker's name; None where it gives none.
+        number: Number of the person, from 1; unique in a run.
+        tracker_id: The tracker's name; None if there is none.
         time_s: The time, seconds.
         position_base_m: Head, shape (3,), metres, base frame.
         velocity_base_m_s: Its velocity, shape (3,), m/s.
-        head_quat_wxyz: Orientation of the head as seen last, shape (4,); None where it was not seen lately.
+        head_quat_wxyz: Last measured orientation of the head, shape (4,); None if there is no recent one.
         seen_s: Capture time of the last sighting, seconds.
         since_s: Capture time of the first one, seconds.
     """
@@ -58,24 +58,24 @@ class PersonState:
 
 
 class TrackedPerson:
-    """Where one person is, by a plain filter, and where they will be, by a predictor.
+    """Track of one person: a constant-velocity filter for association, and a predictor for forecasts.
 
     Args:
-        number: Which person.
+        number: Number of the person.
         first: The first sighting.
-        predictor: A predictor of their own, reset.
+        predictor: The person's predictor, reset.
 
     Attributes:
-        number: Which person.
-        tracker_id: Last name that the tracker gave them.
-        motion: Their motion when they were seen last.
+        number: Number of the person.
+        tracker_id: The tracker's last name of the person.
+        motion: Motion at the last sighting.
         newest: The last sighting.
         seen_s: Its capture time, seconds.
         since_s: Capture time of the first one, seconds.
-        sightings: How many there were.
+        sightings: Number of sightings.
         confirmed: Whether the track is confirmed: no single false detection.
-        start: Gives the predictor its observations, and keeps its forecasts within reach.
-        jumped: Whether the orientation of the last sighting jumped, the first time for a second; it is not used.
+        start: Orders the predictor's observations, and clamps its forecasts to the reach of the person.
+        jumped: Whether the orientation of the last sighting is a jump, the first one for a second; it is not used.
     """
 
     def __init__(self, number: int, first: HeadObservation, predictor: Predictor) -> None:
@@ -91,11 +91,11 @@ class TrackedPerson:
         self.take(first, Motion.begin(first.head_position_base_m, noise_of(first)))
 
     def take(self, observation: HeadObservation, motion: Motion) -> None:
-        """Take in a sighting.
+        """Update with a sighting.
 
         Args:
             observation: The sighting, newer than the last one.
-            motion: Their motion, corrected by it.
+            motion: The motion updated with it.
         """
         self.motion, self.newest, self.seen_s = motion, observation, observation.capture_time_s
         self.tracker_id = observation.person_id or self.tracker_id
@@ -108,13 +108,13 @@ class TrackedPerson:
             self._waiting.popleft()
 
     def take_late(self, observation: HeadObservation) -> bool:
-        """Take in a sighting that is older than the last one: if the track has only begun, and has none of that time.
+        """Update with an out-of-order sighting, if the track is new and has no sighting of that time.
 
         Args:
             observation: The sighting.
 
         Returns:
-            Whether it is taken in.
+            Whether it is used.
         """
         captured_s = observation.capture_time_s
         began_s = min(self.since_s, captured_s)
@@ -128,7 +128,7 @@ class TrackedPerson:
         return True
 
     def is_named_otherwise(self, observation: HeadObservation) -> bool:
-        """Whether a sighting has another name of the tracker than the track; False where one of them has none."""
+        """Whether a sighting and the track have different tracker names; False if one of them has none."""
         return None not in (self.tracker_id, observation.person_id) and self.tracker_id != observation.person_id
 
     def forecast(self, times_s: FloatArray) -> Forecast:
@@ -147,10 +147,10 @@ class TrackedPerson:
         return self._predictor.forecast(times_s)
 
     def catch_up(self, most: int) -> None:
-        """Let the predictor take in what was seen meanwhile, before it is their turn: all at once takes milliseconds.
+        """Update the predictor with buffered sightings, a few a frame: all at once takes milliseconds.
 
         Args:
-            most: Not more than so many sightings, the oldest first.
+            most: Maximum number of sightings, the oldest first.
 
         Raises:
             Exception: Any exception of the predictor.
@@ -161,11 +161,11 @@ class TrackedPerson:
 
     @property
     def refused(self) -> bool:
-        """Whether the predictor has refused the last sighting that it was given."""
+        """Whether the predictor has refused its last sighting."""
         return bool(getattr(self._predictor, "rejections_in_a_row", 0))
 
     def begin_anew(self) -> None:
-        """Forecast from the last sighting on: what was seen before was not the person."""
+        """Restart the predictor from the last sighting: the earlier ones were not of the person."""
         self.start.reset()
         while len(self._waiting) > 1:
             self._waiting.popleft()
@@ -175,7 +175,7 @@ class TrackedPerson:
 
         Args:
             time_s: The time, seconds.
-            position_base_m: Where they are then, shape (3,), metres.
+            position_base_m: Position at that time, shape (3,), metres.
 
         Returns:
             The estimate.
@@ -195,5 +195,5 @@ class TrackedPerson:
 
 
 def noise_of(observation: HeadObservation) -> FloatArray:
-    """Covariance of a position's error, as stated or as assumed, shape (3, 3), square metres."""
+    """Covariance of a position's error, stated or assumed, shape (3, 3), square metres."""
     return noise_m2(observation, _POSITION_NOISE_M2)

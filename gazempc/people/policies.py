@@ -1,4 +1,4 @@
-"""The attention policies that ship."""
+"""The shipped attention policies."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gazempc.people.company import NOT_AT_ALL, AttentionPolicy, Company
 from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
 
-# Above all distances, which are the scores of all others.
+# Score of first choices: larger than the scores of all others, which are distances.
 _FIRST = 1e3
-# Slower motion is a shift of weight, no approach.
+# Minimum closing speed of an approach: slower motion is postural sway.
 _APPROACHES_M_S = 0.3
-# Directions of sound are known to some 10 deg; a speaker's pauses are shorter than this.
+# Gate of sound direction (error about 10 deg), and longest pause of a speaker.
 _SPEAKER_WITHIN_RAD, _PAUSE_S = math.radians(20.0), 2.0
 
 
@@ -48,7 +48,7 @@ class Approaching:
 
 
 class Engaged:
-    """The nearest of those who are engaged with the robot; if none is, the nearest person."""
+    """The nearest person engaged with the robot; if there is none, the nearest person."""
 
     def __init__(self) -> None:
         self.reset()
@@ -93,7 +93,7 @@ class Speaker:
 
 
 class Named:
-    """The person with a name of the tracker, and no other.
+    """The person with a given tracker name only.
 
     Args:
         name: The name.
@@ -121,13 +121,13 @@ def make_policy(choice: str | AttentionPolicy, options: dict[str, Any]) -> Atten
 
     Args:
         choice: A shipped name, ``id:NAME``, ``module:Class``, or a policy.
-        options: Parameters of your own one.
+        options: Parameters of a user-defined policy.
 
     Returns:
         The policy.
 
     Raises:
-        SettingsError: If it cannot be made, or lacks a method.
+        SettingsError: If construction fails, or a method is missing.
     """
     if not isinstance(choice, str):
         check_members(POLICY, choice)

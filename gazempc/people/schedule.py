@@ -1,4 +1,4 @@
-"""When to look away: by published figures, seeded and repeatable, or on request."""
+"""Schedule of gaze aversion: random by published statistics, with a seed, or on request."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from predictors import Forecast
 
 @dataclass(frozen=True)
 class AversionRhythm:
-    """How people look away; means and standard deviations, seconds.
+    """Statistics of gaze aversion; means and standard deviations, seconds.
 
     Attributes:
-        lasts_s: How long a look away lasts.
-        every_s: From the beginning of one to that of the next.
-        to: Shares of looks to the side, up and down.
+        lasts_s: Duration.
+        every_s: Interval between the starts of two aversions.
+        to: Probabilities of the directions side, up and down.
     """
 
     lasts_s: tuple[float, float]
@@ -32,7 +32,7 @@ class AversionRhythm:
 
 
 # Andrist, Mutlu & Gleicher (2013), Andrist, Tan, Gleicher & Mutlu (2014): durations, intervals and directions of
-# intimacy-regulating aversions. See docs/people.md for what of it could be checked.
+# intimacy-regulating aversions. See docs/people.md for the checked part.
 _ASIDE_UP_DOWN = (0.7, 0.1, 0.2)
 RHYTHMS: Mapping[LookAwayMode, AversionRhythm] = {
     "speaking": AversionRhythm((1.14, 0.27), (7.21, 1.88), _ASIDE_UP_DOWN),
@@ -40,71 +40,71 @@ RHYTHMS: Mapping[LookAwayMode, AversionRhythm] = {
 }
 # Thinking people look up more often than aside (the same authors).
 _THINKING_TO = (0.1, 0.7, 0.2)
-# Before an utterance the floor is held by a look away that starts so early; it ends as the utterance begins.
+# Start of the aversion that holds the floor before an utterance; it ends as the utterance begins.
 _BEFORE_SPEECH_S = 1.03
-# Beyond the widest cone in which people feel looked at (9 deg), within what all shipped necks can do in time.
+# Angles outside the widest cone of perceived gaze contact (9 deg), and feasible for all shipped necks.
 _ASIDE_RAD, _UP_RAD, _DOWN_RAD = math.radians(15.0), math.radians(12.0), math.radians(12.0)
-# Draws farther from the mean than so many standard deviations are drawn again.
+# Truncation of the normal distributions, standard deviations.
 _FARTHEST_SD = 2.0
-# Between two looks away there is contact for at least so long.
+# Minimum contact between two aversions.
 _CONTACT_S = 0.8
-# Plans look ahead by a dead time, a servo's lag and a horizon: what is planned later than this, no controller sees.
+# Preview: longer than dead time, servo lag and horizon of any controller.
 _AHEAD_S = 4.0
 
 
 class LookAways:
-    """Plans looks away, and puts them into forecasts.
+    """Schedules gaze aversions, and inserts them into forecasts.
 
     Args:
         neck: The neck.
         mode: The rhythm; ``told`` for requests only.
-        seed: Seed of times and directions: the same seed and the same times of calls give the same plan.
+        seed: Seed of times and directions: the same seed and the same times of calls give the same schedule.
 
     Attributes:
-        left_out: How many looks away could not be done in time, or clashed with one that had begun.
+        left_out: Number of aversions that were infeasible, or in conflict with one that had begun.
     """
 
     def __init__(self, neck: NeckSpec, mode: LookAwayMode = "told", seed: int = 0) -> None:
         self._neck, self._mode = neck, mode
-        # Asked for at every plan.
+        # Cached: used at every plan.
         self._shift: Callable[[float, float], GazeShift] = lru_cache(64)(partial(shift_of, neck))
         self._rng = np.random.default_rng([seed, 22])
-        # Earliest effect of a new plan: until then the neck follows commands already sent.
+        # Earliest effect of a new plan: until then commands already sent determine the motion.
         self._lead_s = float(np.max(neck.dead_time_s[:2] + neck.servo_lag_s[:2]))
         self._planned: list[Aversion] = []
         self._rhythm_from_s: float | None = None
         self.left_out = 0
 
     def planned(self, now_s: float) -> tuple[Aversion, ...]:
-        """Looks away that are planned within the preview of a controller, or under way.
+        """Aversions in progress, or within the preview of a controller.
 
         Args:
-            now_s: The time, seconds; not less than the last one.
+            now_s: The time, seconds; not decreasing.
 
         Returns:
-            The looks away that have not ended, in the order of time.
+            The aversions that have not ended, in temporal order.
         """
         self._planned = [each for each in self._planned if each.end_s > now_s - 1.0]
         if self._rhythm_from_s is None:
-            # The first one after part of an interval, as if a person came in between.
+            # Random phase: the first aversion after a part of an interval.
             self._rhythm_from_s = now_s
         while self._mode in RHYTHMS and self._rhythm_from_s < now_s + _AHEAD_S:
             self._draw_next(now_s, self._rhythm_from_s)
         return tuple(each for each in self._planned if each.end_s > now_s)
 
     def going_on(self, now_s: float) -> Aversion | None:
-        """The look away that is under way; the plan is not changed.
+        """The aversion in progress; without side effect on the schedule.
 
         Args:
             now_s: The time, seconds.
 
         Returns:
-            The look away; None while contact is due.
+            The aversion; None during contact.
         """
         return next((each for each in self._planned if each.start_s <= now_s < each.end_s), None)
 
     def set_mode(self, mode: LookAwayMode, now_s: float) -> None:
-        """Go on by another rhythm; what has not begun is planned anew.
+        """Change the rhythm; aversions that have not begun are rescheduled.
 
         Args:
             mode: The rhythm.
@@ -115,7 +115,7 @@ class LookAways:
         self._rhythm_from_s = max([now_s, *(each.end_s for each in self._planned)])
 
     def begin_anew(self, now_s: float) -> None:
-        """Plan the rhythm anew for another person, so that a look away does not follow a switch at once.
+        """Restart the rhythm for another person: no aversion immediately after a switch.
 
         Args:
             now_s: The time, seconds.
@@ -123,55 +123,55 @@ class LookAways:
         self.set_mode(self._mode, now_s)
 
     def think(self, now_s: float, lasts_s: float, start_s: float | None = None) -> bool:
-        """Look away as people do who think.
+        """Request the aversion of a thinking person.
 
         Args:
             now_s: The time, seconds.
-            lasts_s: For how long, seconds.
-            start_s: When it starts; None for as soon as the neck can.
+            lasts_s: Duration, seconds.
+            start_s: Start time; None for the earliest feasible one.
 
         Returns:
-            False if it cannot be done.
+            False if it is infeasible.
         """
         start_s = now_s if start_s is None else start_s
-        return self._tell(now_s, Aversion(start_s, start_s + lasts_s, *self._direction(_THINKING_TO), "thinking"))
+        return self._request(now_s, Aversion(start_s, start_s + lasts_s, *self._direction(_THINKING_TO), "thinking"))
 
     def speech_starts(self, now_s: float, at_s: float) -> bool:
-        """Hold the floor before an utterance: look away, and back when it starts.
+        """Hold the floor before an utterance, by an aversion that ends when it starts.
 
         Args:
             now_s: The time, seconds.
-            at_s: Start of the utterance, seconds; the look away starts 1.03 s before, if that is still possible.
+            at_s: Start of the utterance, seconds; the aversion starts 1.03 s before, if that is feasible.
 
         Returns:
-            False if it cannot be done.
+            False if it is infeasible.
         """
-        return self._tell(now_s, Aversion(at_s - _BEFORE_SPEECH_S, at_s, *self._direction(_ASIDE_UP_DOWN), "speech"))
+        return self._request(now_s, Aversion(at_s - _BEFORE_SPEECH_S, at_s, *self._direction(_ASIDE_UP_DOWN), "speech"))
 
     def glance(self, now_s: float, target_base_m: FloatArray, person_base_m: FloatArray, lasts_s: float = 1.0) -> bool:
-        """Glance at something.
+        """Glance at a target.
 
         Args:
             now_s: The time, seconds.
-            target_base_m: What to look at, shape (3,), metres.
-            person_base_m: Where the person is, shape (3,), metres.
-            lasts_s: For how long there is no contact, seconds.
+            target_base_m: Position of the target, shape (3,), metres.
+            person_base_m: Position of the person, shape (3,), metres.
+            lasts_s: Duration without contact, seconds.
 
         Returns:
-            False if it cannot be done: too far for its time, or too near for a look away.
+            False if it is infeasible: the angle is too large for the duration, or too small for an aversion.
         """
         angles = angles_to(target_base_m, person_base_m)
-        return self._tell(now_s, Aversion(now_s, now_s + lasts_s, *angles, "glance", target_base_m))
+        return self._request(now_s, Aversion(now_s, now_s + lasts_s, *angles, "glance", target_base_m))
 
     def into(self, forecast: Forecast, now_s: float) -> Forecast:
-        """Put what is planned into a forecast of the person.
+        """Insert the schedule into a forecast of the person.
 
         Args:
             forecast: The forecast.
             now_s: The time, seconds.
 
         Returns:
-            Where to look at its times.
+            Forecast of the gaze target, at the same times.
         """
         self.planned(now_s)
         for each in self._planned:
@@ -199,10 +199,10 @@ class LookAways:
     def _direction(self, shares: tuple[float, float, float]) -> tuple[float, float]:
         which = int(self._rng.choice(3, p=shares))
         side = float(self._rng.choice((-1.0, 1.0)))
-        # People do not look straight up or down.
+        # Oblique: people do not look straight up or down.
         return ((side * _ASIDE_RAD, 0.0), (0.5 * side * _UP_RAD, _UP_RAD), (0.5 * side * _DOWN_RAD, -_DOWN_RAD))[which]
 
-    def _tell(self, now_s: float, aversion: Aversion) -> bool:
+    def _request(self, now_s: float, aversion: Aversion) -> bool:
         shift = self._shift(aversion.aside_rad, aversion.up_rad)
         begun_by_s = now_s + self._lead_s
         earliest_s = begun_by_s + shift.leaves_after_s
@@ -226,5 +226,5 @@ class LookAways:
         return aversion.start_s - shift.leaves_after_s
 
     def _begun(self, by_s: float) -> list[Aversion]:
-        """Planned looks away that have begun by then, or were requested."""
+        """Scheduled aversions that have begun by a time, or were requested."""
         return [each for each in self._planned if self._begins_s(each) <= by_s or each.why not in RHYTHMS]

@@ -1,4 +1,4 @@
-"""Faults of trackers that the loop makes up for: late first frames, frozen positions, jumps, low rates."""
+"""Detection and correction of tracker faults: late first frames, frozen positions, jumps, low rates."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from predictors import Forecast, HeadObservation, Perfect, Predictor
 from predictors.geometry import wrap_rad, yaw_rad
 
 _FROZEN_AFTER_S = 0.5
-# A person who walked so fast over the last quarter of a second cannot stand still to the last bit at once: braking
-# takes a person half a second. A person who slows down first, as simulated people without noise do, counts as standing.
+# Minimum speed over the last quarter of a second before a frozen position: braking takes a person half a second. A
+# person who slows down first, as simulated people without noise do, counts as standing.
 _WALKED_M_S = 0.5
 _WALKED_OVER_S = 0.25
 _LONGEST_STEP_S = 1.0
-# Heads turn at up to some 600 degrees a second. At lower frame rates a jump is no fault.
+# Heads turn at up to some 600 degrees a second, so at lower frame rates a jump is plausible.
 _JUMP_RAD = math.radians(90.0)
 _JUMP_WITHIN_S = 0.15
-# Below this rate frames are too far apart for a jump, and a walking head moves by 0.2 m between them.
+# Below this rate jumps are not detectable, and a walking head moves by 0.2 m between frames.
 LOW_RATE_HZ = 6.0
 _RATE_INTERVALS, _ROUNDING = 2, 1e-6
 _JUMPS_ARE_ONE_WITHIN_S = 1.0
 
 
 def is_low_rate(times_s: FloatArray) -> bool:
-    """Whether frames come less often than six times a second.
+    """Whether the frame rate is below six a second.
 
     Args:
         times_s: Times of frames, shape (F,), seconds, in any order; several people of a frame may share one.
 
     Returns:
-        True if more than half of the intervals are longer than a sixth of a second; False of fewer than three frames.
+        True if more than half of the intervals exceed a sixth of a second; False for fewer than three frames.
     """
     apart_s = np.diff(np.unique(times_s))
     return apart_s.size >= _RATE_INTERVALS and float(np.median(apart_s)) * LOW_RATE_HZ > 1.0 + _ROUNDING
 
 
 class FrozenTracker:
-    """Detects that a tracker repeats one position, with new stamps, of a person who was walking.
+    """Detects a frozen tracker: one position of a walking person, repeated with new stamps.
 
     Attributes:
-        frozen: Whether it does so at present.
+        frozen: Whether the tracker is frozen.
         newest_s: Capture time of the newest sighting, seconds.
     """
 
@@ -56,13 +56,13 @@ class FrozenTracker:
         self._path: deque[tuple[float, FloatArray]] = deque()
 
     def see(self, sighting: Sighting) -> bool:
-        """Take note of a sighting.
+        """Update with a sighting.
 
         Args:
             sighting: The sighting.
 
         Returns:
-            Whether it is a repetition: the same position for more than 0.5 s, to the last bit, and a walk before it.
+            Whether it is a repetition: a bitwise identical position for more than 0.5 s, after a walk.
         """
         observation = sighting.observation
         time_s = observation.capture_time_s
@@ -81,7 +81,7 @@ class FrozenTracker:
         return False
 
     def repeats(self, sighting: Sighting) -> bool:
-        """Whether a sighting, of any person, is the position at which the tracker stands frozen.
+        """Whether a sighting, of any person, has the frozen position.
 
         Args:
             sighting: The sighting.
@@ -89,7 +89,7 @@ class FrozenTracker:
         return self.frozen and _position_of(sighting) == self._position
 
     def _speed_m_s(self, time_s: float, head_base_m: FloatArray) -> float:
-        """Mean speed over the last quarter of a second, or since the frame before where that is longer ago."""
+        """Mean speed over the last quarter of a second, or since the previous frame if that is longer ago."""
         while len(self._path) > 1 and self._path[1][0] <= time_s - _WALKED_OVER_S:
             self._path.popleft()
         self._path.append((time_s, head_base_m))
@@ -98,13 +98,13 @@ class FrozenTracker:
 
 
 class FrozenPeople:
-    """Detects the same among several people, each by their number."""
+    """Detects a frozen tracker of several people, by number of the person."""
 
     def __init__(self) -> None:
         self._trackers: dict[int, FrozenTracker] = {}
 
     def repeats(self, sighting: Sighting) -> bool:
-        """Whether a sighting, before its association, repeats a position at which a tracker stands frozen.
+        """Whether a sighting, before its association, has a frozen position; if so, its tracker is updated.
 
         Args:
             sighting: The sighting.
@@ -112,17 +112,17 @@ class FrozenPeople:
         return any(tracker.repeats(sighting) and tracker.see(sighting) for tracker in self._trackers.values())
 
     def see(self, number: int, sighting: Sighting) -> tuple[bool, bool]:
-        """Take note of a sighting of a person.
+        """Update with a sighting of a person.
 
         Args:
-            number: Which person.
+            number: Number of the person.
             sighting: The sighting.
 
         Returns:
-            Whether the tracker counts as frozen from now on, and whether it was and has gone on.
+            Whether the tracker is frozen, and whether it has resumed after it was frozen.
         """
         time_s = sighting.observation.capture_time_s
-        # A sighting older than that belongs to another standstill.
+        # Entries older than this belong to another standstill.
         self._trackers = {
             n: each for n, each in self._trackers.items() if n == number or time_s - each.newest_s <= _LONGEST_STEP_S
         }
@@ -133,23 +133,23 @@ class FrozenPeople:
 
 
 class OrientationJumps:
-    """Leaves out orientations that no body can have turned to since the frame before."""
+    """Removes orientations whose rate since the previous frame is not plausible for a person."""
 
     def __init__(self) -> None:
         self._time_s = self._jumped_s = -math.inf
         self._yaws_rad: dict[str, float] = {}
 
     def without(self, observation: HeadObservation) -> tuple[HeadObservation, bool]:
-        """Judge the yaws of head and pelvis, each by that of the frame before, whether that one was used or not.
+        """Compare the yaws of head and pelvis with those of the previous frame, used or not.
 
-        So one frame is left out where a tracker turns a person round for good, and all where it does so at every frame.
+        So a lasting reversal removes one frame, and an alternating one all frames.
 
         Args:
             observation: The observation.
 
         Returns:
-            The observation without the orientations that jumped by more than 90 degrees within 0.15 s, and whether
-            it is the first such frame for a second.
+            The observation without orientations that jumped by more than 90 degrees within 0.15 s, and whether this is
+            the first jump for a second.
         """
         time_s = observation.capture_time_s
         if time_s <= self._time_s:
@@ -170,33 +170,33 @@ class OrientationJumps:
 
 
 def _position_of(sighting: Sighting) -> list[float]:
-    """A head as the sensor sees it, where that moves: its own motion makes others of one position."""
+    """Head position in the frame of the sensor: the motion of a moving sensor changes positions in the base frame."""
     seen_m = sighting.head_position_sensor_m
     position_m: list[float] = (sighting.observation.head_position_base_m if seen_m is None else seen_m).tolist()
     return position_m
 
 
-# A velocity needs two frames. Over a network that delays frames by 40 to 250 ms, the first one to come is often the
-# third or fourth in order of capture, and those before it follow within 0.2 s. Later in a track each frame is one of
-# many: with all late frames in their places the gaze erred 0.01 to 0.03 deg less (64 walks, two seeds), which is not
-# worth copies of the predictor's state.
+# Duration of reordering. A velocity needs two frames. Over a network that delays frames by 40 to 250 ms, the first
+# arrival is often the third or fourth in order of capture, and the earlier ones follow within 0.2 s. Reordering of a
+# whole track reduced the gaze error by only 0.01 to 0.03 deg (64 walks, two seeds), at the cost of copies of the
+# predictor's state.
 START_S = 0.3
-# Frames and time before the track of a detector is extrapolated: hair and necks pass for a face in several frames.
-# A detector is a sensor that states its confidence; the others confirm their tracks themselves, and to wait for them
-# costs a robot before walking people 4 points of eye contact.
+# Frames before the track of a detector is extrapolated: false detections of faces last for several frames. A detector
+# is a sensor that states its confidence; other sensors confirm their tracks, and a wait for them costs 4 points of eye
+# contact with walking people.
 _START_FRAMES = 6
-# People in a room run at up to 3 m/s, and lean or step aside by this much beside the walk that was seen.
+# Reach of a person in a room: running speed, and distance of a lean or a step aside.
 _SPEED_M_S, _REACH_M = 3.0, 0.3
 
 
 class TrackStart:
-    """Gives one predictor its observations, those of the first 0.3 s of a track in the order of their capture.
+    """Updates one predictor; reorders the first 0.3 s of a track by capture time.
 
-    If one of these comes late, the predictor is reset and takes all of them in again. So the track may begin earlier
-    than with the observation that came first. Where observations come in order, the predictor gets them as they come.
+    A late observation in this period resets the predictor, which then processes all of them again; so the track may
+    begin before the observation that arrived first. Observations in order are passed on at once.
 
-    Its forecasts stay within 0.3 m and 3 m/s of the last position. For the first 0.3 s and six frames of a sensor that
-    states its confidence, they are that position.
+    Forecasts are clamped to 0.3 m plus 3 m/s from the last position; for the first 0.3 s and six frames of a sensor
+    that states its confidence, to the last position.
 
     Args:
         predictor: The predictor.
@@ -213,22 +213,22 @@ class TrackStart:
         self._last: HeadObservation | None = None
 
     def reset(self) -> None:
-        """Forget the person; the predictor does, too."""
+        """Discard the track, and reset the predictor."""
         self._predictor.reset()
         self._forget()
 
     def update(self, observation: HeadObservation) -> None:
-        """Give the predictor one observation.
+        """Update the predictor with one observation.
 
         Args:
             observation: The observation.
 
         Raises:
-            OutOfOrderError: If it is older than the newest one and comes after the start, or is there already.
+            OutOfOrderError: If it is older than the newest one, and outside of the start or a duplicate.
             Exception: Any exception of the predictor.
         """
         captured_s = observation.capture_time_s
-        if self._has_place_for(captured_s):
+        if self._accepts_late(captured_s):
             self._first = sorted([*self._first, observation], key=lambda each: each.capture_time_s)
             self._predictor.reset()
             for each in self._first:
@@ -244,16 +244,16 @@ class TrackStart:
             self._first.append(observation)
 
     def within_reach(self, forecast: Forecast) -> tuple[Forecast, bool]:
-        """Keep a forecast of the predictor within reach of the last position.
+        """Clamp a forecast of the predictor to the reach around the last position.
 
         Args:
             forecast: The forecast.
 
         Returns:
-            The forecast within reach, and whether it left the reach of a track that has lasted long enough.
+            The clamped forecast, and whether a forecast of an established track was clamped.
         """
         last = self._last
-        if last is None or isinstance(self._predictor, Perfect):  # the true future needs no evidence
+        if last is None or isinstance(self._predictor, Perfect):  # the true future needs no confirmation
             return forecast, False
         lasted = self._frames >= _START_FRAMES and last.capture_time_s - self._first[0].capture_time_s >= START_S
         confirmed = lasted or last.confidence is None
@@ -266,7 +266,7 @@ class TrackStart:
         within_m = last.head_position_base_m + np.minimum(reach_m / np.maximum(far_m, 1e-9), 1.0)[:, None] * away_m
         return replace(forecast, means_base_m=within_m), confirmed
 
-    def _has_place_for(self, captured_s: float) -> bool:
+    def _accepts_late(self, captured_s: float) -> bool:
         if not self._first or captured_s >= self._newest_s:
             return False
         within = self._newest_s - min(captured_s, self._first[0].capture_time_s) <= START_S

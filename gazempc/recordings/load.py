@@ -99,7 +99,7 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         raise RecordingError(path, place, f"cannot be read: {error.strerror or error}", accepted) from None
 
 
-# Its name in `import gazempc`.
+# Public name in `import gazempc`.
 load_recording = load
 
 

@@ -1,4 +1,4 @@
-"""Where the robot stands: turns a recording into one in the robot's base frame."""
+"""Placement of the robot: transforms a recording to the robot's base frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gazempc.types import FloatArray
 Placement = Literal["recorded", "side"]
 
 _NEAREST_M = 0.8
-# A person who moves less than this has no direction of travel; the robot then stands in front of the face.
+# Minimum displacement for a direction of travel; below it the robot is placed in front of the face.
 _STANDING_M = 0.1
 
 

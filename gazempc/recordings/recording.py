@@ -26,9 +26,9 @@ class Track:
 
     Attributes:
         head_position_m: Shape (N, 3), metres; NaN where the person was not seen.
-        head_quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
-        pelvis_position_m: Shape (N, 3), metres; NaN where not known.
-        pelvis_quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
+        head_quat_wxyz: Shape (N, 4), unit quaternions; NaN if unknown.
+        pelvis_position_m: Shape (N, 3), metres; NaN if unknown.
+        pelvis_quat_wxyz: Shape (N, 4), unit quaternions; NaN if unknown.
     """
 
     head_position_m: FloatArray
@@ -72,12 +72,12 @@ def composed(quats_wxyz: FloatArray, last: Rotation | None = None, first: Rotati
     """Orientations with a turn of the frame before and a turn of the body behind each.
 
     Args:
-        quats_wxyz: Unit quaternions, shape (N, 4); NaN where unknown.
+        quats_wxyz: Unit quaternions, shape (N, 4); NaN if unknown.
         last: Turn of the body's own axes; None for no turn.
         first: Turn of the frame, one or N.
 
     Returns:
-        Shape (N, 4); NaN where unknown.
+        Shape (N, 4); NaN if unknown.
     """
     known = np.isfinite(quats_wxyz).all(axis=1)
     before = first if first.single else first[np.flatnonzero(known)]
@@ -93,11 +93,11 @@ def turned(quats_wxyz: FloatArray, yaws_rad: ArrayLike) -> FloatArray:
     """Orientations turned about the vertical.
 
     Args:
-        quats_wxyz: Unit quaternions, shape (N, 4); NaN where unknown.
+        quats_wxyz: Unit quaternions, shape (N, 4); NaN if unknown.
         yaws_rad: Angles, positive from +x to +y, one for all or shape (N,), radians.
 
     Returns:
-        Shape (N, 4); NaN where unknown.
+        Shape (N, 4); NaN if unknown.
     """
     yaws = np.broadcast_to(np.asarray(yaws_rad, dtype=np.float64), len(quats_wxyz))
     return composed(quats_wxyz, first=Rotation.from_euler("z", yaws[:, None]))
@@ -109,9 +109,9 @@ class Labels:
 
     Attributes:
         subject: The person; by default the name up to the first underscore.
-        group: Route group such as ``straight``, ``turn``, ``sharp``, or None where unknown.
+        group: Route group such as ``straight``, ``turn``, ``sharp``, or None if unknown.
         description: Free text for people.
-        activity: What the person does, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None where unknown.
+        activity: What the person does, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None if unknown.
     """
 
     subject: str
@@ -136,7 +136,7 @@ class Recording:
             stand where the sensor stood.
         labels: Subject, group, description and activity.
         notes: Remarks of the reader on what it found, inferred and left out, a line each.
-        delays_s: From capture to arrival, shape (N,), seconds; None where unknown.
+        delays_s: From capture to arrival, shape (N,), seconds; None if unknown.
     """
 
     name: str

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from gazempc.recordings.recording import Recording
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# Over a longer gap a person may do anything: it is bridged for the robot's sake, but nothing is scored against it.
+# Longest gap in which the interpolated position is scored; longer ones are bridged but not scored.
 _LONGEST_GAP_S = 0.2
 # Half a servo period, in which a head moves by 4 mm at most: each frame has its tick at any rate.
 _ON_A_FRAME_S = 0.0025
@@ -23,7 +23,7 @@ def stretches(recording: Recording) -> list[IntArray]:
 
 
 class TrueHead:
-    """Cubic spline through the head's positions in the valid frames; a straight line at the last velocity beyond them.
+    """Cubic spline through the head's positions in valid frames; linear extrapolation at the last velocity.
 
     Args:
         recording: The recording; positions are in its frame.
@@ -37,7 +37,7 @@ class TrueHead:
         self._first_s, self._last_s = float(times[0]), float(times[-1])
 
     def known(self, times_s: ArrayLike) -> BoolArray:
-        """Where the position is known: not beyond the recording, nor inside a gap of more than 0.2 s.
+        """Mask of times with a known position: within the recording, and outside of gaps of more than 0.2 s.
 
         Args:
             times_s: Times, shape (H,), seconds.

@@ -26,10 +26,10 @@ class AttentionMetrics:
         switches_per_minute: Changes of the attended person a minute.
         time_to_contact_after_switch_s: Median time from a switch to contact, seconds; of switches with contact.
         switches_without_contact: Switches after which there was no contact before the next one.
-        switch_overshoot_deg: How far the gaze passes the new person to the side after a switch, at most, degrees; see
+        switch_overshoot_deg: Largest lateral overshoot of the gaze after a switch, degrees; see
             `gazempc.results.contact.overshoot_deg`.
-        identity_swaps: How often observations of one person were first assigned to another person; two people who
-            exchange their numbers count twice.
+        identity_swaps: Number of first assignments of one person's observations to another person; an exchange of
+            numbers counts twice.
         away_share: Share of the scored time without contact during looks away.
         away_share_planned: Share of it that was planned.
         away_duration_ratio: Mean realised over mean planned duration of looks away, from contact to contact.

@@ -21,7 +21,7 @@ STABLE_S = 0.5
 # Contact that outlasts this after a start of motion is not lost to it: the dead time and lag of the slowest neck are
 # over, and at 0.3 m/s a person 4 m away has left the cone of 2.6 deg.
 _KEPT_S = 1.0
-# The gaze overshoots within this time after it first comes into contact, or not at all.
+# Time window of overshoot after the first contact.
 OVERSHOOT_S = 1.0
 
 
@@ -72,16 +72,14 @@ def longest_break_s(log: Log, error_deg: FloatArray, scored: BoolArray) -> float
 
 
 def overshoot_deg(log: Log, ticks: slice = slice(None)) -> float:
-    """How far the gaze passes a person that it was far from at the start, to the side.
-
-    Counted for 1 s from the first contact on.
+    """Lateral overshoot of the gaze after acquisition of a distant person, within 1 s from the first contact.
 
     Args:
         log: The run.
-        ticks: The part of it that counts.
+        ticks: The evaluated part.
 
     Returns:
-        Degrees, 0 if it stays short of them; NaN if it was near at the start or never arrives.
+        Degrees, 0 without overshoot; NaN if the gaze was near at the start or never arrives.
     """
     eye_base_m, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[ticks])
     to_head_m, time_s = log.head_true_base_m[ticks] - eye_base_m, log.time_s[ticks]
@@ -150,7 +148,7 @@ def time_from_start_to_contact(log: Log, error_deg: FloatArray, start_s: float) 
     if not after.any():
         return float("nan")
     time_s = log.time_s[after] - start_s
-    # While the gaze is to be elsewhere, contact is not due.
+    # No contact is required during gaze aversion.
     contact = (error_deg[after] <= CONTACT_DEG[0]) | log.looks_away[after]
     lost = np.flatnonzero(~contact & (time_s <= _KEPT_S))
     if not lost.size:
@@ -169,7 +167,7 @@ def _lasting(flags: BoolArray, ticks: int) -> BoolArray:
 
 # The true rate of the head's direction is a central difference over this time, as of its motion (docs/metrics.md).
 _RATE_OVER_S = 0.3
-# Longer without an observation, the head was out of sight.
+# Time without an observation after which the head counts as out of sight.
 _OUT_OF_SIGHT_S = 0.5
 
 
@@ -193,7 +191,7 @@ def framing_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
 
 
 def aim_error_rad(log: Log, picture: FramedPicture) -> FloatArray:
-    """How far the camera points beside its aim for the true head, pan and tilt, shape (M, 2), radians."""
+    """Error of the camera relative to its reference for the true head, pan and tilt, shape (M, 2), radians."""
     looks_rad = look_at_rad(log.neck.geometry, log.head_true_base_m)
     half = max(1, round(0.5 * _RATE_OVER_S / log.neck.servo_period_s))
     at = np.arange(looks_rad.shape[0])

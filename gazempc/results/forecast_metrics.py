@@ -18,10 +18,10 @@ _NORMAL_FROM = 1e12
 def squared_radius(degrees_of_freedom: ArrayLike, share: float, axes: int = _AXES) -> FloatArray:
     """Squared radius, in units of the covariance, of the ellipsoid that should hold a share of the errors.
 
-    With S the covariance and e the error, it is a limit of ``e' S^-1 e``. The errors of a forecast with nu degrees of
-    freedom are taken to have a multivariate t distribution of that covariance. Its scale matrix is ``S (nu - 2) / nu``,
-    and the squared distance by that matrix over d axes has, divided by d, the distribution F(d, nu). Without end of nu
-    it is the normal one, and ``e' S^-1 e`` has the distribution chi-square(d).
+    With S the covariance and e the error, it bounds ``e' S^-1 e``. The errors of a forecast with nu degrees of freedom
+    are assumed to have a multivariate t distribution of that covariance. Its scale matrix is ``S (nu - 2) / nu``, and
+    the squared Mahalanobis distance by that matrix over d axes, divided by d, has the distribution F(d, nu). In the
+    limit of infinite nu it is normal, and ``e' S^-1 e`` has the distribution chi-square(d).
 
     Args:
         degrees_of_freedom: Those of each forecast, any shape, above 2; infinite for a normal distribution.
@@ -58,7 +58,7 @@ _FALSE_START_M = 0.3
 
 
 def forecast_metrics(log: Log) -> dict[str, float]:
-    """Mean error at each horizon; at 0.5 s coverage and NEES of what is stated: covariance and degrees of freedom.
+    """Mean error at each horizon; at 0.5 s coverage and NEES of the stated covariance and degrees of freedom.
 
     Args:
         log: The run.
@@ -80,7 +80,7 @@ def forecast_metrics(log: Log) -> dict[str, float]:
 
 
 def false_starts_per_min(log: Log) -> float:
-    """Forecasts of a step that a person who stays on the spot does not take.
+    """Rate of false positive forecasts of a step, for a person who stays on the spot.
 
     Args:
         log: The run of a person who does not leave the spot.

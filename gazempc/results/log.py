@@ -98,7 +98,7 @@ class Log:
     Attributes:
         run: Description of the run; as JSON text in the file.
         time_s: Servo ticks, shape (M,), seconds.
-        head_true_base_m: True head, shape (M, 3), metres; NaN where it is not known.
+        head_true_base_m: True head, shape (M, 3), metres; NaN if unknown.
         joint_time_s: Time of the newest joint reading at each tick, shape (M,), seconds; NaN if the robot did not
             answer.
         joint_position_rad: Angles of the joints at each tick, shape (M, N), radians, in the order of
@@ -107,7 +107,7 @@ class Log:
         command_position_rad: Commands sent at each tick, shape (M, N), radians.
         command_velocity_rad_s: Shape (M, N), rad/s.
         command_acceleration_rad_s2: Shape (M, N), rad/s^2.
-        capture_time_s: Capture times of the observations that were used, shape (F,), seconds; in the order of arrival.
+        capture_time_s: Capture times of the observations that were used, shape (F,), seconds; in order of arrival.
         arrival_time_s: Times of their arrival, shape (F,), seconds.
         head_observed_base_m: Observed heads, shape (F, 3), metres.
         person_id: The sensor's names of the observed people, shape (F,); an empty text if there is no name.
@@ -128,7 +128,7 @@ class Log:
         away_why: Reason of the look away, see `gazempc.people.aversion.Aversion`, shape (W,).
         identity_swap_time_s: In a replay with several people: first times at which one person's observations were
             assigned to another known person, shape (S,), seconds; empty in a live run.
-        faults: The exceptions that were survived, each event once; as JSON text in the file.
+        faults: The exceptions caught, each event once; as JSON text in the file.
     """
 
     run: RunInfo
@@ -233,7 +233,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
     """Join logs of one run.
 
     Args:
-        logs: At least one, in the order of time.
+        logs: At least one, in temporal order.
 
     Returns:
         One log; an event that lasted over an end begins once more after it.

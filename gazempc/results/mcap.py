@@ -51,10 +51,10 @@ def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> list[Moment]:
 
     Args:
         log: The log. Plans, lateness and pictures are not in it.
-        plans: The plans of the run, in the order of time, where they were kept.
+        plans: The plans of the run, in temporal order, where they were kept.
 
     Returns:
-        The moments in the order of time.
+        The moments in temporal order.
     """
     texts = {fault.event: fault.line for fault in log.faults}
     rows = (log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist())

@@ -55,7 +55,7 @@ class McapWriter:
         self._writer.write_metadata(name, about)
 
     def flush(self) -> None:
-        """Hand over to the system what has come so far: then it is on disk if this program ends."""
+        """Flush to the operating system: the messages so far survive a crash of this program."""
         self._writer.flush()
 
     def attach(self, log: bytes) -> None:

@@ -89,7 +89,7 @@ def person_frame(head_base_m: FloatArray, quat_wxyz: FloatArray | None) -> Place
 
     Args:
         head_base_m: Its position, shape (3,), metres.
-        quat_wxyz: Its orientation, shape (4,); None where it was not observed: then that of the base.
+        quat_wxyz: Its orientation, shape (4,); None if it was not observed: then that of the base.
 
     Returns:
         The frame ``person`` in the base.
@@ -130,7 +130,7 @@ def _vector(xyz: Sequence[float]) -> fox.Vector3:
     return fox.Vector3(**dict(zip("xyz", xyz, strict=True)))
 
 
-# A head is some 0.2 m wide; what was observed is drawn smaller, so that both can be seen.
+# Diameters of true and observed head; the observed one is smaller, so that both are visible.
 _HEAD_M, _OBSERVED_M = 0.2, 0.1
 # Axes of an ellipsoid of two standard deviations are four of them long.
 _AXIS_SDS = 4.0

@@ -18,9 +18,9 @@ from gazempc.results.motion import limit_violations, motion_metrics
 from gazempc.types import BoolArray, FloatArray
 
 SCORED_FROM_S = 1.0
-# With less than this, a mean over the scored window would be one glance.
+# Minimum duration of a run for means over the scored window.
 MIN_DURATION_S = 1.25
-# Fewer ticks than this are no run: a log that ends as soon as scoring begins.
+# Minimum number of scored ticks.
 _FEWEST_SCORED = 10
 
 
@@ -87,7 +87,7 @@ def scored_ticks(log: Log, known: FloatArray) -> BoolArray:
 
     Args:
         log: The run.
-        known: What is scored, shape (M,); NaN where it is not known.
+        known: What is scored, shape (M,); NaN if unknown.
 
     Returns:
         Shape (M,).
@@ -144,7 +144,7 @@ def measure(log: Log) -> Metrics:
 
 
 def gap_closed(rms_deg: float, reactive_rms_deg: float, perfect_rms_deg: float) -> float:
-    """Share of the way from the reactive gaze to perfect foresight.
+    """Share of the gap between reactive control and the true future that is closed.
 
     Args:
         rms_deg: RMS gaze error of the controller in question, degrees.
@@ -152,7 +152,7 @@ def gap_closed(rms_deg: float, reactive_rms_deg: float, perfect_rms_deg: float) 
         perfect_rms_deg: That of the MPC with the true future.
 
     Returns:
-        1 at the limit of the neck, 0 where the reactive gaze is; NaN if these two do not differ.
+        1 at the limit of the neck, 0 for reactive control; NaN if these two are equal.
     """
     gap = reactive_rms_deg - perfect_rms_deg
     return (reactive_rms_deg - rms_deg) / gap if gap > 0 else float("nan")

@@ -15,7 +15,7 @@ class TickMoment(NamedTuple):
         joints: The joints as measured, or where a `JointsMoment` came just before, as they are; None if not known.
         sent_rad: The command that was sent, shape (N,), radians.
         motions: Position, velocity and acceleration of the command, one triple a joint, radians and seconds.
-        head_true_base_m: The true head, shape (3,), metres; None or NaN where it is not known.
+        head_true_base_m: The true head, shape (3,), metres; None or NaN if unknown.
     """
 
     time_s: float
@@ -38,7 +38,7 @@ class SeenMoment(NamedTuple):
         time_s: Time of its arrival, seconds.
         capture_time_s: Time of its capture, seconds.
         head_observed_base_m: The head, shape (3,), metres.
-        head_quat_wxyz: Its orientation, shape (4,); None where it was not observed.
+        head_quat_wxyz: Its orientation, shape (4,); None if it was not observed.
         person_id: The sensor's name of the person; empty without one.
         means_base_m: Forecast at `gazempc.results.log.FORECAST_HORIZONS_S` from the capture, shape (3, 3), metres; NaN
             where there is none.
@@ -95,7 +95,7 @@ class AttendedMoment(NamedTuple):
 
     Attributes:
         time_s: The time, seconds.
-        person: Number of the person, in the order in which they entered; 0 for none.
+        person: Number of the person, in order of entry; 0 for none.
         why: Why, in a word.
     """
 
@@ -105,7 +105,7 @@ class AttendedMoment(NamedTuple):
 
 
 class LateMoment(NamedTuple):
-    """How late the next tick begins.
+    """Delay of the next tick.
 
     Attributes:
         late_ms: Later than due, milliseconds.

@@ -14,8 +14,8 @@ from gazempc.results.contact import of_known, p95
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# Of the authors: highest frequency that counts; share of the peak below which the last frequencies do not count; zero
-# padding, powers of two beyond the length.
+# Parameters of the authors: cut-off frequency; amplitude threshold as a share of the peak; zero padding, in powers of
+# two beyond the length.
 _CUTOFF_HZ, _THRESHOLD, _PADDING = 10.0, 0.05, 4
 
 
@@ -68,12 +68,12 @@ def log_dimensionless_jerk(speed: FloatArray, rate_hz: float) -> float:
     return -float(np.log(total)) if total > 0 else float("nan")
 
 
-# A smaller swing to and fro is no reversal.
+# Minimum amplitude of a reversal.
 SWING_DEG = 0.5
 
 
 def reversals(angle_deg: FloatArray) -> int:
-    """How often a joint turns back, with a swing of at least 0.5 degrees before and after.
+    """Number of reversals of a joint, with an amplitude of at least 0.5 degrees before and after.
 
     Args:
         angle_deg: The joint's angle over time, shape (N,), degrees.
@@ -94,7 +94,7 @@ def reversals(angle_deg: FloatArray) -> int:
     return count
 
 
-# Of readings that are nearer to each other, the encoder's noise, divided by so short a time, would be the figure.
+# Minimum interval of readings, in servo periods: shorter ones amplify encoder noise in derivatives.
 _NEAREST_PERIODS = 0.5
 # A third difference needs so many readings.
 _FEWEST = 4
@@ -133,8 +133,8 @@ def readings(log: Log) -> Readings:
 def derivative(values: FloatArray, time_s: FloatArray, order: int) -> FloatArray:
     """Derivatives from differences of values at any times.
 
-    Each is the derivative somewhere between the first and the last of its ``order + 1`` values. So the largest of them
-    is never above what the motion really had, however uneven the times are.
+    By the mean value theorem each equals the derivative at a time between the first and the last of its ``order + 1``
+    values. So their maximum never exceeds that of the motion, also at irregular times.
 
     Args:
         values: Shape (K, N).
@@ -182,7 +182,7 @@ def motion_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
 
 
 def eye_eccentricity_deg(log: Log) -> FloatArray:
-    """How far the eyes look aside of where the head points.
+    """Angle between the gaze and the direction of the head.
 
     Args:
         log: The run.
@@ -222,7 +222,7 @@ def _gaze_speed(neck: NeckSpec, read: Readings, counts: BoolArray) -> FloatArray
     return np.asarray(np.linalg.norm(np.diff(direction, axis=0), axis=1) / period_s)
 
 
-# A robot rounds its commands to steps of its own; the coarsest one known has 0.0015 rad (Dynamixel: 4096 a turn).
+# Tolerance for quantisation of commands by a robot; the coarsest known one is 0.0015 rad (Dynamixel: 4096 a turn).
 _ROBOT_STEP_RAD = 0.004
 # Third differences of double-precision angles at 200 Hz carry about 1e-8 of rounding.
 _TOLERANCE = 1e-6

@@ -71,7 +71,7 @@ _PACKAGES = ("gazempc", "daqp", "numpy", "scipy", "filterpy", "ruckig", "matplot
 
 
 def label(controller: str) -> str:
-    """Name of a controller for people; one of the user's own keeps its name."""
+    """Name of a controller for people; a user-defined one keeps its name."""
     return LABELS.get(controller, controller)
 
 
@@ -86,7 +86,7 @@ class Row:
     gap_closed: float
 
     def as_dict(self) -> dict[str, Any]:
-        """The row as it stands in `summary.json`."""
+        """The row in the format of `summary.json`."""
         names = {"controller": self.controller, "predictor": self.predictor}
         return {**names, **vars(self.metrics), "gap_closed": self.gap_closed, **vars(self.compute)}
 
@@ -109,7 +109,7 @@ def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[R
 
 
 def faults(log: Log) -> list[dict[str, Any]]:
-    """The exceptions that a run survived, as they stand in `summary.json`.
+    """The exceptions caught in a run, in the format of `summary.json`.
 
     Args:
         log: The run.

@@ -20,8 +20,8 @@ from gazempc.types import FloatArray, JointState
 
 _T = TypeVar("_T")
 
-# Parts of the control table: address, bytes. Those that follow a failure differ in length from what may have failed,
-# so that a late answer to one question is never taken for the answer to another.
+# Parts of the control table: address, bytes. Requests after a failure differ in length from the failed ones, so that a
+# late reply is never mistaken for the reply to another request.
 _MODE = (11, 1)
 _RANGE = (48, 8)  # Max and Min Position Limit
 _TORQUE_ENABLE = (64, 1)
@@ -36,9 +36,9 @@ _TICKS_PER_RAD = _TICKS_PER_TURN / (2.0 * np.pi)
 _RAD_S_PER_UNIT = 0.229 * 2.0 * np.pi / 60.0
 _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
 
-# Setting up may take its time; while the loop runs, the time for an answer is `reply_timeout_ms`.
+# Reply timeout during set-up; later it is `reply_timeout_ms`.
 _CONNECT_WAIT_MS = 100.0
-# Period of retries without an answer, so that the ticks in between lose no time.
+# Period of retries after a timeout; calls in between fail at once.
 _RETRY_S = 0.1
 _LOST_TORQUE = "a motor has lost its torque; perhaps its power was gone"
 
@@ -46,24 +46,23 @@ _LOST_TORQUE = "a motor has lost its torque; perhaps its power was gone"
 class DynamixelNeck:
     """X motors (or MX with protocol 2.0), in position or extended position mode, driven by sync read and write.
 
-    Motors are set up by `connect`: Profile Velocity and Profile Acceleration to 0 (no limit), because the smoother
-    shapes the motion and a second profile would add a lag that the controller does not know. EEPROM is never written.
-    A motor without torque gets its present position as goal before torque is switched on; a motor that holds goes on
-    holding. After that the first commands are approached at `approach_speed_rad_s`, so that a neck that stands
-    elsewhere than the command does not jump there.
+    `connect` sets Profile Velocity and Profile Acceleration to 0 (no limit), because the smoother shapes the motion and
+    a second profile would add unmodelled lag. EEPROM is never written. A motor without torque gets its present position
+    as goal before torque is enabled; a motor with torque keeps its goal. After that the first commands are approached
+    at `approach_speed_rad_s`, to avoid a jump of a displaced neck.
 
-    A lost answer costs one call: the next one asks whether the motors still hold, and goes on if they do. Otherwise
-    they are set up again, one exchange a call (a few ms each), also after the port was gone. Without an answer, one
-    call in 0.1 s waits for it and the others fail at once. A motor that has shut itself down is not restarted: its
-    error goes away with a reboot or a power cycle, and then it is set up again.
+    A lost reply costs one call: the next one checks whether torque is still enabled, and continues if it is. Otherwise
+    set-up is repeated, one exchange a call (a few ms each), also after loss of the port. Without replies, one call in
+    0.1 s waits for the timeout and the others fail at once. A motor that has shut down is not restarted: after a reboot
+    or a power cycle it is set up again.
 
     Args:
         neck: Limits and rates.
-        clock_s: Gives the present time in seconds; never runs backwards.
-        options: Port, motors and how they are driven.
+        clock_s: Returns the present time, seconds; not decreasing.
+        options: Port and motors.
 
     Raises:
-        SettingsError: If ids, zero ticks or directions are not one for each joint of the neck, or two ids are equal.
+        SettingsError: If the number of ids, zero ticks or directions is not N, or two ids are equal.
     """
 
     def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: DynamixelOptions) -> None:
@@ -84,7 +83,7 @@ class DynamixelNeck:
         self._step_ticks = options.approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
         self._torque_off_on_close = options.torque_off_on_close
         ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
-        # Whole ticks inside the limits: rounding must not lead out of them.
+        # Integer ticks, rounded towards the inside of the limits.
         self._tick_min, self._tick_max = np.ceil(ends.min(axis=0)), np.floor(ends.max(axis=0))
         self._connected = False
         self._ready = False
@@ -97,11 +96,11 @@ class DynamixelNeck:
         self._line = threading.Lock()
 
     def connect(self) -> None:
-        """Open the port, find the motors and let them hold where they are; see `gazempc.robots.robot.Robot.connect`.
+        """Open the port, find the motors and enable torque at the present positions; see `Robot.connect`.
 
         Raises:
-            RobotError: If the port cannot be opened, a motor does not answer, has an error, is of another kind, is not
-                in a position mode, or cannot reach the neck's range; names port, baud rate, id and what to check.
+            RobotError: If the port cannot be opened, or a motor does not reply, has an error, an unsupported model or
+                operating mode, or a range smaller than the neck's; names port, baud rate, id and remedy.
             MissingOptionalDependencyError: If dynamixel-sdk is not installed.
         """
         if self._connected:
@@ -128,25 +127,25 @@ class DynamixelNeck:
             Angles and velocities; its time is the middle of the exchange.
 
         Raises:
-            RobotError: If a motor does not answer rightly, has an error, or is being set up again.
+            RobotError: If a reply is missing or invalid, a motor has an error, or set-up is in progress.
         """
         return self._perform(self._state)
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """Send goal positions; see `gazempc.robots.robot.Robot.send_command`.
 
-        Motors do not acknowledge a sync write. So they must have answered something since the last command; if nothing
-        was read in between, they are asked first whether they hold.
+        A sync write is not acknowledged. So a reply since the last command is required; without a reading in between,
+        torque is read first.
 
         Args:
-            position_rad: One for each joint, shape (N,), radians.
+            position_rad: Angles of all joints, shape (N,), radians.
 
         Returns:
-            What was really sent, shape (N,), radians: clamped to the joints' range, in whole ticks, and after the
-            set-up no farther from the last goal than the approach allows.
+            The angles sent, shape (N,), radians: clamped to the joints' range, in integer ticks, and after set-up
+            limited to the approach speed.
 
         Raises:
-            RobotError: If the command is not finite, or the robot does not answer.
+            RobotError: If the command is not finite, or the robot does not reply.
         """
         check_command(position_rad, self._zero.size)
         ticks = np.rint(self._zero + self._direction * position_rad * _TICKS_PER_RAD)
@@ -162,7 +161,7 @@ class DynamixelNeck:
         self._connected = self._ready = False
 
     def _perform(self, exchange: Callable[[], _T]) -> _T:
-        # One exchange at a time on one bus: a live run reads and sends in two threads.
+        # Mutual exclusion on the bus: a live run reads and sends in two threads.
         with self._line:
             if not self._connected:
                 raise RobotError(f"the Dynamixel neck at {self._bus.port_name} is not connected: call connect() first")
@@ -180,13 +179,13 @@ class DynamixelNeck:
     def _failed(self, error: RobotError) -> None:
         if self._steps is not None:
             self._drop_port()
-        # After the first failure the next call asks again at once: most often, one answer was lost.
+        # The first retry is immediate: single losses are the most frequent failure.
         self._retry_at_s = -np.inf if self._ready else self._clock_s() + _RETRY_S
         self._ready = self._answered = False
         self._trouble = str(error)
 
     def _recover(self) -> bool:
-        """Take one step back to normal; True if that was the last one."""
+        """Execute one step of the recovery; True after the last one."""
         if self._steps is None and self._bus.is_open:
             if self._torque_is_on().all():
                 self._ready = True
@@ -201,7 +200,7 @@ class DynamixelNeck:
         return self._ready
 
     def _set_up(self) -> Iterator[None]:
-        """Find the motors and let them hold where they are; at most one exchange with them between two yields."""
+        """Find the motors and enable torque at the present positions; at most one exchange between two yields."""
         if not self._bus.is_open:
             self._bus.open()
         for i in range(len(self._ids)):
@@ -232,7 +231,7 @@ class DynamixelNeck:
         if limp:
             self._bus.write(_PROFILE_AND_GOAL, {m: unlimited + struct.pack("<i", goal) for m, goal in limp.items()})
         for i, answer in enumerate(self._read(_PROFILE_AND_GOAL)):
-            # A motor that holds keeps the goal that it has.
+            # A motor with torque keeps its goal.
             self._goal[i] = goal = struct.unpack("<i", answer[8:])[0]
             if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
                 hint = "is it inside its Position Limits (52, 48)?"
@@ -264,7 +263,7 @@ class DynamixelNeck:
             self._approaching = bool(np.any(goal != ticks))
         sent = np.rint(goal)
         self._bus.write(_GOAL, {m: struct.pack("<i", int(g)) for m, g in zip(self._ids, sent, strict=True)})
-        # Not rounded: a slow approach moves by less than a tick at a time.
+        # Not rounded: steps of a slow approach are smaller than a tick.
         self._goal = goal
         self._answered = False
         return self._direction * (sent - self._zero) / _TICKS_PER_RAD

@@ -1,4 +1,4 @@
-"""Dynamixel motors on a serial line: packets of protocol 2.0, each answer checked."""
+"""Dynamixel motors on a serial line: packets of protocol 2.0, with validated replies."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ _WRITE_S = 0.05
 
 
 class DynamixelBus:
-    """The line and what is exchanged on it; what a part of the control table means is for others to know.
+    """Transport on the serial line, independent of the meaning of the control table.
 
     Args:
         port_name: Serial port.
-        baud_rate_bps: As set in the motors.
+        baud_rate_bps: As configured in the motors.
         motors: Name of each joint and id of its motor.
         wait_ms: How long to wait for an answer.
 
@@ -74,11 +74,11 @@ class DynamixelBus:
         try:
             if not port.setBaudRate(self._baud_rate_bps):
                 raise RobotError(f"{self.line}: not a baud rate of Dynamixel motors, such as 57600 or 1000000")
-            # Two programs that answer each other's motors would see nonsense.
+            # Exclusive access: replies of two programs would be mixed.
             port.ser.exclusive = True
         except OSError as error:
             raise RobotError(f"{self.line}: cannot be opened ({error}): {hint}") from error
-        # The library would spin, and would wait 34 ms: seven ticks.
+        # The library busy-waits, with a timeout of 34 ms: seven ticks.
         port.ser.timeout = _POLL_S
         port.ser.write_timeout = _WRITE_S
         port.setPacketTimeout = lambda length: port.setPacketTimeoutMillis(
@@ -86,7 +86,7 @@ class DynamixelBus:
         )
 
         def read_in_time(length: int) -> bytes:
-            # The library looks at the time only when nothing comes: noise without end would hold it for ever.
+            # The library checks the timeout only without input: continuous noise would block it.
             if port.isPacketTimeout():
                 raise RobotError(f"{self.line}: no whole answer in time; check power, cable and baud rate")
             return bytes(port.ser.read(length))
@@ -109,7 +109,7 @@ class DynamixelBus:
         return f"{self.line}, motor {self._ids[i]} ({self._names[i]})"
 
     def ping(self, i: int) -> None:
-        """Find one motor; raises RobotError if it does not answer or is of another kind."""
+        """Find one motor; raises RobotError without a reply or for an unsupported model."""
         self._port.is_using = False
         model, result, error = self._packets.ping(self._port, self._ids[i])
         self._require(i, result)
@@ -118,7 +118,7 @@ class DynamixelBus:
             raise RobotError(f"{self.motor(i)}: model {model} is no X motor (nor MX with protocol 2.0); check the id")
 
     def write(self, part: tuple[int, int], values: dict[int, bytes]) -> None:
-        """Write one part of several motors, by id; nothing acknowledges it. Raises RobotError if it is not sent."""
+        """Write one part of several motors, by id, without acknowledgement; RobotError if it is not sent."""
         self._port.is_using = False
         group = self._sdk.GroupSyncWrite(self._port, self._packets, *part)
         for motor_id, value in values.items():
@@ -128,7 +128,7 @@ class DynamixelBus:
             raise RobotError(f"{self.line}: could not send ({self._packets.getTxRxResult(result)})")
 
     def read(self, part: tuple[int, int]) -> list[bytes]:
-        """Read the same part of all motors; raises if one does not answer rightly or has an error."""
+        """Read the same part of all motors; raises if a reply is missing or invalid, or a motor has an error."""
         answers = self._sync_read(part, range(len(self._ids)))
         for i, (_, error) in enumerate(answers):
             self._refuse_error(i, error)
@@ -145,14 +145,14 @@ class DynamixelBus:
         return [self._receive(i, part[1]) for i in axes]
 
     def _receive(self, i: int, length: int) -> tuple[bytes, int]:
-        # Not the group's own rxPacket and getData: they throw the error byte away, take an answer of any length, and
-        # give 0 for what is missing, which reads as half a turn.
+        # Not the group's rxPacket and getData: they discard the error byte, accept a reply of any length, and return 0
+        # for missing data, which would be half a turn.
         while True:
             packet, result = self._packets.rxPacket(self._port, False)
             self._require(i, result)
             error = packet[8]
             is_whole = packet[5] + 256 * packet[6] == length + 4
-            # What does not fit is late: the answer to a question that was given up.
+            # Other packets are late replies to requests that timed out.
             if packet[4] == self._ids[i] and (is_whole or error & ~_ALERT):
                 return bytes(packet[9 : 9 + length]), error
 

@@ -1,4 +1,4 @@
-"""A neck simulated by MuJoCo: the plant that we did not write, to check everything else against."""
+"""A neck simulated by MuJoCo: an independent plant model, for validation."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from gazempc.robots.mujoco_model import neck_mjcf, timestep_s
 from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
 
-# Rounding of a clock, in steps: far below a step, far above what sums of times accumulate.
+# Tolerance for rounding of a clock, in steps.
 _SAME_STEP = 1e-6
 
 
 class MujocoNeck:
-    """Hinges with servos for position or speed behind MuJoCo's own actuator delay, in lock-step with the clock given.
+    """Hinges with position or speed servos and MuJoCo's actuator delay, in lock-step with a clock.
 
-    Time is that of the clock when a method is called; the simulation is stepped up to then, as many steps of
-    `gazempc.robots.mujoco_model.timestep_s` as are complete. On the loop's simulated clock that is exact; on another
-    clock the state is less than one step (1 ms) old, and has its own time.
+    Each method call simulates up to the clock's time, in complete steps of `gazempc.robots.mujoco_model.timestep_s`.
+    Exact on the loop's simulated clock; on another clock the state is less than one step (1 ms) old, with its own time
+    stamp.
 
     Args:
-        neck: What to simulate: geometry, ranges, servos, dead times, encoder noise and load.
-        clock_s: Gives the present time in seconds; never runs backwards.
-        position_rad: Where it stands at rest in the beginning, shape (N,), radians; None for where they rest.
-        seed: Of the encoders' noise.
+        neck: The simulated neck: geometry, ranges, servos, dead times, encoder noise and load.
+        clock_s: Returns the present time, seconds; not decreasing.
+        position_rad: Initial angles, at rest, shape (N,), radians; None for the rest angles.
+        seed: Seed of encoder noise.
     """
 
     keeps_any_clock = True
@@ -59,18 +59,18 @@ class MujocoNeck:
 
     @property
     def mjcf(self) -> str:
-        """The model as XML: write it to a file, and MuJoCo's viewer opens it."""
+        """The model as XML, which MuJoCo's viewer opens from a file."""
         return neck_mjcf(self._neck)
 
     @property
     def model(self) -> Any:
-        """The ``mujoco.MjModel`` that runs, for viewers and renderers; RobotError if not connected."""
+        """The ``mujoco.MjModel`` of the simulation, for viewers and renderers; RobotError if not connected."""
         self._check_connected()
         return self._model
 
     @property
     def data(self) -> Any:
-        """The ``mujoco.MjData`` that runs, for viewers and renderers: to be read only; RobotError if not connected."""
+        """The ``mujoco.MjData`` of the simulation, for viewers (read-only); RobotError if not connected."""
         self._check_connected()
         return self._data
 
@@ -79,7 +79,7 @@ class MujocoNeck:
 
         Raises:
             MissingOptionalDependencyError: If MuJoCo is not installed.
-            RobotError: If MuJoCo refuses the model, as versions before 3.5 do.
+            RobotError: If MuJoCo rejects the model, as versions before 3.5 do.
         """
         if self._data is not None:
             return
@@ -93,7 +93,7 @@ class MujocoNeck:
         data = mujoco.MjData(model)
         order = [int(model.joint(name).qposadr[0]) for name in self._neck.joint_names]
         data.qpos[order] = self._start_rad + self._load_rad
-        # Joints that take speeds stand still, and where they stand is the activation of their actuator.
+        # Velocity-controlled joints: zero speed, and the position as activation of their actuator.
         commands = np.where(self._neck.speed_joints, 0.0, self._start_rad)
         data.ctrl[:], data.act[:] = commands, self._start_rad[self._neck.speed_joints]
         for actuator, start in enumerate(commands):
@@ -114,7 +114,7 @@ class MujocoNeck:
         return JointState(true.time_s, true.position_rad + noise_rad, true.velocity_rad_s)
 
     def true_state(self) -> JointState:
-        """Where the joints really are; raises as `read_state`."""
+        """True joint state; raises as `read_state`."""
         time_s = self._advance()
         return JointState(time_s, self._data.qpos[self._order], self._data.qvel[self._order])
 
@@ -145,6 +145,6 @@ class MujocoNeck:
         if todo > 0:
             self._mujoco.mj_step(self._model, self._data, todo)
             self._steps += todo
-        # On a step the clock's own figure: one that differs by a rounding error would be taken for an old measurement.
+        # On a step the clock's value itself: with a rounding error it would count as an old measurement.
         on_step = abs(elapsed - self._steps) < _SAME_STEP
         return now_s if on_step else self._start_s + self._steps * self._step_s

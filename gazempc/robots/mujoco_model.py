@@ -1,4 +1,4 @@
-"""The MuJoCo model (MJCF) of a neck: hinges, native actuator delay, a camera in the eye, something to look at."""
+"""The MuJoCo model (MJCF) of a neck: hinges, native actuator delay, a camera in the eye, visual targets."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from xml.sax.saxutils import quoteattr
 
 from gazempc.neck.spec import BODY_AXIS, EYE_AXES, Axis, NeckSpec
 
-# A head on a geared motor. Gains follow from the inertia, so that these figures do not change the servo; they only
-# set how much the head's own inertia, which changes with tilt when the eye is off the axes, counts beside the gears'.
+# A head on a geared motor. Gains are computed from the inertia, so these values do not change the servo; they set the
+# ratio of the head's inertia, which depends on tilt if the eye is off the axes, to the armature.
 _ARMATURE_KG_M2 = 0.1
 _HEAD_KG = 1.0
 _HEAD_RADIUS_M = 0.09
 _HEAD_KG_M2 = 0.4 * _HEAD_KG * _HEAD_RADIUS_M**2
 _YOKE_KG = 0.3
 _YOKE_KG_M2 = 1e-3
-# An eye is so light that its motion does not turn the head; its mass is a part of the head's.
+# Small enough that eye motion does not turn the head; the mass of the eyes is part of the head's.
 _EYE_ARMATURE_KG_M2 = 1e-4
 _EYE_KG = 0.02
 _EYE_RADIUS_M = 0.02
 _EYE_KG_M2 = 0.4 * _EYE_KG * _EYE_RADIUS_M**2
-# A body so heavy that the head's motion hardly turns it.
+# Large enough that head motion hardly turns the body.
 _TORSO_KG = 10.0
 _TORSO_KG_M2 = 0.5
 _LARGEST_STEP_S = 1e-3
-# Steps are this small against the fastest servo that they stay accurate, and stable.
+# Largest step times natural frequency, for accuracy and stability.
 _LARGEST_STEP_RAD = 0.02
 
 
@@ -120,7 +120,7 @@ def neck_mjcf(neck: NeckSpec) -> str:
 
 
 def _body(neck: NeckSpec) -> tuple[str, str]:
-    """What turns under the neck, around all that stands on it."""
+    """Opening and closing elements of the body under the neck."""
     if neck.body is None:
         return "", ""
     begin = f"""
@@ -134,7 +134,7 @@ def _body(neck: NeckSpec) -> tuple[str, str]:
 def _eyes(neck: NeckSpec) -> str:
     """Eyes and camera, in the head's frame."""
     x, y, z = neck.geometry.eye_in_tilt_m
-    # In the face, so that it sees past the head and the eyes that are drawn.
+    # In the face, so that head and eyes do not occlude the view.
     camera = '<camera name="eye" pos="{}" xyaxes="0 -1 0 0 0 1" fovy="60"/>'
     if neck.eyes is None:
         return f"""        <geom type="sphere" pos="{_vector((x, y + 0.035, z + 0.01))}" size="0.012" rgba="0 0 0 1"/>
@@ -159,7 +159,7 @@ def _joint(axis: Axis, armature_kg_m2: float = _ARMATURE_KG_M2) -> str:
 def _servo(axis: Axis, inertia_kg_m2: float, step_s: float) -> str:
     kp = inertia_kg_m2 * axis.natural_frequency_rad_s**2
     kv = inertia_kg_m2 * 2.0 * axis.damping_ratio * axis.natural_frequency_rad_s
-    # A load is a constant torque: the joint settles where the servo's spring holds it.
+    # A load is a constant torque, balanced by the servo's stiffness.
     load_n_m = kp * math.radians(axis.load_offset_deg)
     low, high = math.radians(axis.position_min_deg), math.radians(axis.position_max_deg)
     servo = f'biastype="affine" gainprm="{kp!r}" biasprm="{load_n_m!r} {-kp!r} {-kv!r}"'
@@ -171,10 +171,10 @@ def _servo(axis: Axis, inertia_kg_m2: float, step_s: float) -> str:
         servo += f' ctrlrange="{low!r} {high!r}"'
     if axis.dead_time_s == 0.0:
         return servo
-    # Interpolated, because times are sums of steps: held samples would slip by a whole step with every rounding error,
-    # and a dead time that is not a whole number of steps would be rounded up.
+    # Interpolated, because times are sums of steps: with hold, a rounding error would shift samples by a whole step,
+    # and a dead time that is not an integer number of steps would be rounded up.
     samples = math.ceil(axis.dead_time_s / step_s) + 3
-    # Between two samples the interpolated command ramps: half a step earlier than one that is held.
+    # Linear interpolation leads zero-order hold by half a step.
     delay_s = axis.dead_time_s + 0.5 * step_s
     return f'{servo} delay="{delay_s!r}" nsample="{samples}" interp="linear"'
 

@@ -1,4 +1,4 @@
-"""Pan-tilt cameras by ONVIF: ContinuousMove, which ends by itself after a second, and AbsoluteMove where offered."""
+"""Pan-tilt cameras by ONVIF: ContinuousMove with a timeout of one second, and AbsoluteMove where offered."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class OnvifDevice:
         )  # fmt: skip
 
     def go_to(self, angles_rad: Pair) -> None:
-        """Go to angles within the option `range_deg`; returns when the camera has accepted them."""
+        """Go to angles within the option `range_deg`; returns after acceptance by the camera."""
         pan, tilt = (
             2.0 * (angle - low) / (high - low) - 1.0
             for angle, (low, high) in zip(angles_rad, self._ends_rad or (), strict=True)
@@ -132,7 +132,7 @@ class OnvifDevice:
         self._client = None
 
     def _share(self, axis: Any, speed_rad_s: float) -> float:
-        """Share of full speed that gives a speed, with its sign."""
+        """Signed share of full speed for a speed."""
         if axis.speed_steps is None:
             return float(np.clip(speed_rad_s / axis.full_rad_s, -1.0, 1.0))
         steps = axis.speed_steps
@@ -146,7 +146,7 @@ class OnvifDevice:
         return [kind for kind in ("continuous", "absolute", "relative") if self._offers(kind)] or ["none"]
 
     def _ask(self, call: Callable[..., Any], **what: Any) -> Any:
-        # Messages of the library may quote a request; only the kind of its error is passed on.
+        # Messages of the library may quote a request; only the error type is passed on.
         try:
             return call(**what)
         except self._onveef.OnvifAuthError:

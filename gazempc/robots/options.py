@@ -1,4 +1,4 @@
-"""Options of the shipped robots, and how a robot is chosen."""
+"""Options of the shipped robots, and the type of a robot's name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gazempc.parts import ROBOT, check_choice
 from gazempc.ros2.messages import PoseType, SoundType
 from gazempc.settings import Settings, on_command_line
 
-# A shipped name, or module:Class for a robot of the user's own.
+# A shipped name, or module:Class for a user-defined robot.
 RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT)), on_command_line(ROBOT)]
 
 
@@ -121,7 +121,7 @@ class OnvifOptions(Settings):
 
 
 class RobotOptions(Settings):
-    """Options of the shipped robots; each reads its own. All other fields are options of parts of the user's own."""
+    """Options of the shipped robots, one field each. All other fields are options of user-defined parts."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -133,11 +133,11 @@ class RobotOptions(Settings):
 
     @property
     def own(self) -> dict[str, Any]:
-        """Options of parts of the user's own, by key."""
+        """Options of user-defined parts, by key."""
         return dict(self.model_extra or {})
 
     def with_own(self, own: dict[str, Any]) -> RobotOptions:
-        """The same with options of parts of the user's own.
+        """The same with options of user-defined parts.
 
         Args:
             own: Values by key, as `gazempc.part_options.take_options` gives them.

@@ -1,6 +1,6 @@
-"""An emulated pan-tilt camera: MuJoCo turns it, VISCA commands it, and its picture comes late, as that of a real one.
+"""An emulated pan-tilt camera: simulated by MuJoCo, commanded by VISCA, with a realistic latency of the picture.
 
-It runs in a process of its own, as a camera would, in real time. A person walks to and fro before it.
+It runs in a separate process in real time. A person walks to and fro before it.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ _DISTANCE_M, _ASIDE_M, _PERIOD_S, _UP_M = 1.8, 0.9, 12.0, 0.1
 
 
 class PtzEmulator:
-    """An emulated camera; a process of its own from `start` to `close`.
+    """An emulated camera, in a separate process from `start` to `close`.
 
     Args:
-        neck: The camera: a neck whose joints take speeds, its name or its file.
+        neck: The camera: a neck with velocity-controlled joints, by name, file or value.
     """
 
     running: PtzEmulator | None = None
@@ -53,13 +53,13 @@ class PtzEmulator:
         self.picture_url = ""
 
     def start(self) -> tuple[str, int]:
-        """Start it; again does nothing.
+        """Start the process; idempotent.
 
         Returns:
             Host and port of VISCA.
 
         Raises:
-            RobotError: If it cannot start, such as without MuJoCo; has the reason.
+            RobotError: If the start fails, such as without MuJoCo; with the reason.
         """
         if self._process is None:
             context = multiprocessing.get_context("spawn")
@@ -112,7 +112,7 @@ def _server(pictures: deque[tuple[float, bytes]]) -> ThreadingHTTPServer:
             self.send_response(200)
             self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
             self.end_headers()
-            # Pictures older than the connection are not sent.
+            # Only pictures newer than the connection are sent.
             due_s = time.monotonic()
             while True:
                 later = next((each for each in tuple(pictures) if due_s < each[0]), None)

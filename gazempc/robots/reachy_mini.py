@@ -22,10 +22,10 @@ from gazempc.robots.reachy_mini_pose import clamp_to_head, head_matrix, joint_an
 from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
 
-# A head that lies (asleep) or a body that is turned would jump when the first command puts them straight.
+# Tolerances of the initial pose: from a lying head (asleep) or a turned body the first command would cause a jump.
 _DISPLACED_M = 0.02
 _BODY_TURNED_RAD = math.radians(10.0)
-# The daemon sends a pose every 20 ms. Older ones than this are stale; a longer silence is a lost connection.
+# The daemon sends a pose every 20 ms. Maximum age of a pose; a longer silence is a lost connection.
 _STALE_S = 0.2
 _SILENCE_S = 1.0
 _STUCK_S = 1.0  # for a send that waits
@@ -33,7 +33,7 @@ _RETRY_S = 0.25
 _OPEN_S = 1.0
 _CONNECT_S = 5.0
 _POLL_S = 0.1
-# Poses have no velocity: a line is laid through the last few. Poses that arrive in one bunch tell none.
+# Poses have no velocity: linear regression over the last few. Poses that arrive in one burst are not usable.
 _POSES = 4
 _SPAN_MIN_S = 0.03
 
@@ -41,18 +41,17 @@ _SPAN_MIN_S = 0.03
 class ReachyMiniNeck:
     """Reachy Mini's head (pan is yaw, tilt is pitch, roll 0) over the websocket of ``reachy-mini-daemon``.
 
-    One thread listens (and connects again, four times a second, when the connection is lost), another one sends; so no
-    call waits for the network. A command that could not go out yet is replaced by the next one. The body is turned
-    where the neck has one, else it is kept straight. The antennas are left alone. The daemon goes to a target at once:
-    so after every connection, and after the motors were off, the first commands are approached at
-    `approach_speed_rad_s` from where the head is.
+    One thread receives (and reconnects four times a second after a loss), another one sends; so calls do not block on
+    the network. An unsent command is replaced by the next one. The body is commanded if the neck has one, else it is
+    kept straight. The antennas are not commanded. The daemon moves to a target at once: so after every connection, and
+    after the motors were off, the first commands are approached at `approach_speed_rad_s` from the present pose.
 
-    The daemon sends poses without a time; their time is that of their arrival. `close` lets the daemon hold the
-    last target with the motors on.
+    Poses of the daemon have no time stamp; the arrival time is used. After `close` the daemon holds the last target
+    with the motors on.
 
     Args:
         neck: Limits and rates.
-        clock_s: Gives the present time in seconds; runs as the wall clock does.
+        clock_s: Returns the present time, seconds; at the rate of the wall clock.
         options: Address of the daemon, and speed to the first command.
 
     Raises:
@@ -71,7 +70,7 @@ class ReachyMiniNeck:
         self._uri = f"ws://{f'[{host}]' if ':' in host else host}:{port}/ws/sdk"
         self._step_rad = options.approach_speed_rad_s * neck.servo_period_s
         self._threads: list[threading.Thread] = []
-        # One for every connect(): a thread of an earlier one that is slow to end must not go on.
+        # One event for every connect(): also ends a slow thread of an earlier connection.
         self._stop = threading.Event()
         # Guards all below; notified of every change.
         self._changed = threading.Condition()
@@ -92,8 +91,8 @@ class ReachyMiniNeck:
         """Connect to the daemon and wait for its first state; see `gazempc.robots.robot.Robot.connect`.
 
         Raises:
-            RobotError: If there is no daemon, it does not tell its state, its motors are off, the head is not up or
-                the body is turned; names the address and what to do.
+            RobotError: If the daemon does not reply or send its state, motors are off, the head is not up or the body
+                is turned; names address and remedy.
             MissingOptionalDependencyError: If websockets is not installed.
         """
         if self._threads:
@@ -119,11 +118,11 @@ class ReachyMiniNeck:
         """Newest pose of the head, without waiting; see `gazempc.robots.robot.Robot.read_state`.
 
         Returns:
-            Where the head looks, and its velocity by the last few poses; None if no pose has come since the last
-            call, the newest is older than 0.2 s, or too few have come for a velocity.
+            Angles of the head, and velocities from the last few poses; None without a new pose since the last call, if
+            the newest is older than 0.2 s, or with too few poses for a velocity.
 
         Raises:
-            RobotError: If there is no connection; it is being tried again meanwhile.
+            RobotError: If there is no connection; reconnection continues.
         """
         with self._changed:
             self._require_connection()
@@ -139,17 +138,17 @@ class ReachyMiniNeck:
         return JointState(clock_s - (now_s - times_s[-1]), angles_rad[-1], velocity_rad_s)
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
-        """Hand a target to the sending thread, without waiting; see `gazempc.robots.robot.Robot.send_command`.
+        """Queue a target for the sending thread; see `gazempc.robots.robot.Robot.send_command`.
 
         Args:
             position_rad: Pan and tilt, and the yaw of a body that turns, shape (N,), radians.
 
         Returns:
-            What is sent, shape (N,), radians: clamped to the neck's range and to what the head reaches, and after a
-            connection no farther from the last target than the approach allows.
+            The angles sent, shape (N,), radians: clamped to the neck's range and to the reach of the head, and after a
+            connection limited to the approach speed.
 
         Raises:
-            RobotError: If the command is not finite, or the robot does not answer or cannot move.
+            RobotError: If the command is not finite, or the robot does not reply or cannot move.
         """
         check_command(position_rad, self._neck.joints)
         target = self._within_reach(position_rad)
@@ -177,7 +176,7 @@ class ReachyMiniNeck:
             self._stop.set()
             self._changed.notify_all()
         for thread in reversed(self._threads):
-            # A daemon that takes nothing any more holds the sending thread; the listening one then sets it free.
+            # The sending thread may block on an unresponsive daemon; the receiving thread then closes the socket.
             thread.join(_POLL_S if thread is self._threads[-1] else 4.0 * _OPEN_S)
         self._threads = []
 
@@ -192,12 +191,12 @@ class ReachyMiniNeck:
             raise RobotError(self._refusal())
 
     def _missing(self) -> str:
-        """Kinds of messages that have not come since the connection was made."""
+        """Types of messages not received since the connection was established."""
         known = {"head_pose": self._poses, "joint_positions": self._joints_known, "daemon_status": self._status_known}
         return " and no ".join(kind for kind, has_come in known.items() if not has_come)
 
     def _refusal(self) -> str:
-        """Why it cannot be commanded now; empty if it can."""
+        """Reason why commands are refused at present; empty if they are accepted."""
         if self._socket is None:
             return self._lost or f"Reachy Mini: no connection to the daemon at {self._uri}"
         if missing := self._missing():
@@ -218,7 +217,7 @@ class ReachyMiniNeck:
         """Receive until closed; connect again whenever the connection is lost."""
         while not stop.is_set():
             try:
-                # A socket of our own: a robot is not behind the proxy that the environment may name.
+                # An explicit socket bypasses a proxy of the environment.
                 raw = socket.create_connection((self._host, self._port), timeout=_OPEN_S)
                 raw.settimeout(None)
                 with open_websocket(
@@ -251,7 +250,7 @@ class ReachyMiniNeck:
                 raise TimeoutError(f"connected, but no head_pose message for {_SILENCE_S:g} s")
 
     def _forget(self, connection: Any) -> None:
-        """Drop all that was known of this connection; old commands must not reach the next one."""
+        """Discard the state of this connection; old commands must not reach the next one."""
         with self._changed:
             if self._socket is not connection:
                 return
@@ -267,7 +266,7 @@ class ReachyMiniNeck:
                 connection.recv(timeout=_POLL_S)
 
     def _take(self, message: str | bytes, heard_s: float) -> float:
-        """Take in a message; returns when the last pose came, on the monotonic clock, seconds."""
+        """Process a message; returns the arrival time of the last pose, on the monotonic clock, seconds."""
         now_s = time.monotonic()
         with self._changed, suppress(Exception):  # unreadable messages are ignored
             content = json.loads(message)
@@ -305,7 +304,7 @@ class ReachyMiniNeck:
 
 
 def _no_motion(status: dict[str, Any]) -> str:
-    """Why the robot would not move, by a daemon_status message; empty if it would."""
+    """Reason why the robot cannot move, from a daemon_status message; empty if it can."""
     backend = status["backend_status"] or {}
     mode = backend.get("motor_control_mode")
     if status["state"] != "running":

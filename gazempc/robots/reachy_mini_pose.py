@@ -10,8 +10,8 @@ from gazempc.neck.kinematics import pan_tilt_rad
 from gazempc.neck.spec import AXES
 from gazempc.types import FloatArray
 
-# How far the head turns without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors within
-# their limits, 0.5 deg or more inside. Beyond it a motor stops at its limit and the head tips over to the side, or the
+# Reach of the head without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors 0.5 deg or
+# more inside their limits. Beyond it a motor stops at its limit and the head tips over to the side, or the
 # pose is ignored. Also within the SDK's own limits (pitch 40 deg, yaw 65 deg from the body).
 _TILT_RAD = np.deg2rad([-40.0, -36.0, -32.0, -28.0, -24.0, 31.0, 36.0, 40.0])
 _PAN_MAX_RAD = np.deg2rad([38.0, 47.0, 54.0, 61.0, 65.0, 65.0, 59.0, 53.5])
@@ -19,7 +19,7 @@ _TURN_NOISE = 0.02
 
 
 def head_matrix(position_rad: FloatArray) -> FloatArray:
-    """Pose of the head that looks along pan and tilt: yaw, then pitch, no roll, the head's origin where it rests.
+    """Pose of the head for pan and tilt: yaw, then pitch, no roll, origin at rest.
 
     Args:
         position_rad: Pan (to the left) and tilt (up), shape (2,), radians.
@@ -34,7 +34,7 @@ def head_matrix(position_rad: FloatArray) -> FloatArray:
 
 
 def head_angles(matrix: FloatArray) -> FloatArray:
-    """Pan and tilt of the head's forward axis, whatever its roll; the inverse of `head_matrix`.
+    """Pan and tilt of the head's forward axis, at any roll; the inverse of `head_matrix`.
 
     Args:
         matrix: Pose of the head, shape (4, 4).
@@ -43,10 +43,10 @@ def head_angles(matrix: FloatArray) -> FloatArray:
         Pan and tilt, shape (2,), radians.
 
     Raises:
-        ValueError: If it is no pose: wrong shape, not finite, not a rotation.
+        ValueError: If it is not a pose: wrong shape, not finite, not a rotation.
     """
     turn = matrix[:3, :3] if matrix.shape == (4, 4) else np.full((3, 3), np.nan)
-    # Written so that a NaN is refused.
+    # Negated, to refuse NaN.
     if not (np.all(np.abs(turn @ turn.T - np.eye(3)) < _TURN_NOISE) and np.linalg.det(turn) > 0):
         raise ValueError("not a pose")
     return pan_tilt_rad(turn[:, 0])
@@ -57,11 +57,11 @@ def joint_angles(matrix: FloatArray, body_yaw_rad: float, joints: int) -> FloatA
 
     Args:
         matrix: Pose of the head in the daemon's frame, which does not turn with the body, shape (4, 4).
-        body_yaw_rad: Where the body stands.
+        body_yaw_rad: Yaw of the body.
         joints: 3 with the body, 2 for a body that is kept straight.
 
     Returns:
-        Pan and tilt of the head, and the yaw of the body where it moves, shape (2,) or (3,), radians.
+        Pan and tilt of the head, and yaw of a moving body, shape (2,) or (3,), radians.
 
     Raises:
         ValueError: See `head_angles`.
@@ -73,7 +73,7 @@ def joint_angles(matrix: FloatArray, body_yaw_rad: float, joints: int) -> FloatA
 
 
 def clamp_to_head(position_rad: FloatArray) -> FloatArray:
-    """Nearest pan and tilt, seen from the body, that the head reaches: tilt first, then pan for that tilt.
+    """Clamp pan and tilt, relative to the body, to the reach of the head: tilt first, then pan for that tilt.
 
     Args:
         position_rad: Pan and tilt, shape (2,), radians.

@@ -1,4 +1,4 @@
-"""The interface of all robots, and the start: from where a robot stands to where a command may begin."""
+"""The interface of all robots, and the approach from the initial angles to the command limits."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from gazempc.types import FloatArray, JointState
 
 
 class Robot(Protocol):
-    """A neck that takes positions, or speeds on an axis with ``command = "velocity"`` in the neck file.
+    """Driver of a neck: accepts positions, or speeds for an axis with ``command = "velocity"`` in the neck file.
 
-    Every method but `close` raises `gazempc.errors.RobotError` if the robot does not answer.
+    Every method except `close` raises `gazempc.errors.RobotError` if the robot does not reply.
 
-    A simulated one has two things more: the class attribute ``keeps_any_clock = True`` (it uses the loop's time,
-    so it may run on a simulated clock), and the method ``true_state() -> JointState`` (where its joints really are).
+    A simulated robot also has the class attribute ``keeps_any_clock = True`` (it uses the loop's time, so a simulated
+    clock is allowed), and the method ``true_state() -> JointState`` (the true joint state).
     """
 
     def connect(self) -> None:
-        """Open the connection; calling it again does nothing."""
+        """Open the connection; idempotent."""
 
     def read_state(self) -> JointState | None:
         """Read the joints.
 
         Returns:
-            The latest measured state; None if the robot does not measure its joints, or has nothing new.
+            The latest measured state; None without joint feedback, or without a new reading.
         """
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
         """Send joint positions to go to.
 
         Args:
-            position_rad: One for each joint, in the order of `NeckSpec.joint_names`, shape (N,), radians.
+            position_rad: Angles in the order of `NeckSpec.joint_names`, shape (N,), radians.
 
         Returns:
-            What was really sent, shape (N,), radians: clamped to the joints' range.
+            The angles sent, shape (N,), radians: clamped to the joints' range.
         """
 
     def close(self) -> None:
@@ -47,39 +47,39 @@ class Robot(Protocol):
 
 
 def check_command(command: FloatArray, joints: int) -> None:
-    """Refuse a command that is no finite number for each joint.
+    """Validate the shape of a command, and that it is finite.
 
     Args:
-        command: Angles, or speeds of joints that take these.
+        command: Angles, or speeds of velocity-controlled joints.
         joints: N.
 
     Raises:
-        RobotError: If it is not.
+        RobotError: If it is invalid.
     """
     if np.shape(command) != (joints,) or not np.all(np.isfinite(command)):
         raise RobotError(f"refused a command that is not {joints} finite numbers: {command}")
 
 
-# Outside the joints' range by more than this is no rounding: file and robot do not agree.
+# Tolerance of the joints' range; beyond it neck file and robot are inconsistent.
 _OUTSIDE_RAD = np.deg2rad(1.0)
 _SLOWLY_RAD_S = 0.3
-# No log holds larger numbers.
+# Plausibility bound, as of logs.
 _ANY_NUMBER = 1e10
 
 
 def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -> JointState | None:
-    """Refuse what is no reading of a neck's joints.
+    """Validate a joint reading.
 
     Args:
-        state: What a method of a robot returned.
+        state: Return value of a method of a robot.
         neck: The neck, for its joints.
-        method: The method.
+        method: Name of the method.
 
     Returns:
-        A copy of the reading, as a driver may use its buffers again; None for None (nothing new).
+        A copy of the reading, as a driver may reuse its buffers; None for None (no new reading).
 
     Raises:
-        RobotError: If it is anything else; names what is needed.
+        RobotError: If it is invalid; names the requirement.
     """
     if state is None:
         return None
@@ -99,18 +99,18 @@ def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -
 
 
 def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
-    """Commands that bring a neck slowly to where its command may be: commands have a little less room than joints.
+    """Slow motion of a neck into its command limits, which are narrower than the joints' range.
 
     Args:
         neck: The neck.
-        position_rad: Where the joints stand, shape (N,), radians.
+        position_rad: Present joint angles, shape (N,), radians.
 
     Returns:
-        One command a servo period, the last one at rest inside `NeckSpec.command_limits`; shape (K, N), K = 0 where it
-        stands inside already.
+        One command a servo period, the last one at rest inside `NeckSpec.command_limits`; shape (K, N), K = 0 if it is
+        already inside.
 
     Raises:
-        RobotError: If it stands outside the joints' range.
+        RobotError: If it is outside the joints' range.
     """
     low, high = neck.position_min_rad, neck.position_max_rad
     if np.any((position_rad < low - _OUTSIDE_RAD) | (position_rad > high + _OUTSIDE_RAD)):
@@ -127,13 +127,13 @@ def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
 
 
 def move_rad(start_rad: FloatArray, target_rad: FloatArray, limits: Sequence[FloatArray], neck: NeckSpec) -> FloatArray:
-    """Fastest motion from rest to rest.
+    """Time-optimal motion from rest to rest.
 
     Args:
-        start_rad: Begin, shape (J,), radians.
+        start_rad: Start, shape (J,), radians.
         target_rad: End, shape (J,), radians.
-        limits: Of velocity, acceleration and jerk, each of shape (J,).
-        neck: Its servo rate.
+        limits: Limits of velocity, acceleration and jerk, each of shape (J,).
+        neck: The neck with its servo rate.
 
     Returns:
         Commands from one servo period after the start, shape (K, J), radians.
@@ -153,21 +153,21 @@ def stop_trajectory(
     limits: NeckSpec | CommandLimits,
     least_s: float,
 ) -> ruckig.Trajectory:
-    """Fastest stop within limits of acceleration and jerk.
+    """Time-optimal stop within limits of acceleration and jerk.
 
     Args:
         position_rad: Present command, shape (N,), radians.
         velocity_rad_s: Its velocity, shape (N,).
         acceleration_rad_s2: Its acceleration, shape (N,).
-        limits: Those of the neck, or of its commands.
-        least_s: Least duration, seconds.
+        limits: Limits of the neck, or of its commands.
+        least_s: Minimum duration, seconds.
 
     Returns:
         The motion.
     """
     request = ruckig.InputParameter(position_rad.size)
     request.control_interface = ruckig.ControlInterface.Velocity
-    request.synchronization = ruckig.Synchronization.No  # each joint as soon as it can
+    request.synchronization = ruckig.Synchronization.No  # each joint stops independently
     request.current_position, request.current_velocity = position_rad.tolist(), velocity_rad_s.tolist()
     request.current_acceleration = acceleration_rad_s2.tolist()
     request.max_acceleration = limits.acceleration_max_rad_s2.tolist()

@@ -1,4 +1,4 @@
-"""A neck that is driven by ros2_control, or by anything else that takes joint commands on a ROS 2 topic."""
+"""A neck driven by ros2_control, or by any other receiver of joint commands on a ROS 2 topic."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ _STATE_TYPE = "sensor_msgs/msg/JointState"
 _WAKE_S = 0.01
 
 
-# Between two of these points the controller's quintic follows the stop's phases of constant jerk closely.
+# Number of intervals of a stop: enough for the controller's quintic spline to approximate phases of constant jerk.
 _STOP_POINTS = 5
-# Speed towards the command after the controller was gone, rad/s: the neck may have been moved by hand or by gravity.
+# Speed towards the command after a loss of the controller, rad/s: the neck may have been displaced.
 _RETURN_RAD_S = 0.5
 _RETURNED_RAD = 1e-9
-# A joint that is sent speeds returns at this rate from where its speeds have drifted, 1/s.
+# Position-loop gain against drift of a velocity-controlled joint, 1/s.
 _DRIFT_GAIN_1_S = 1.0
 
 
 class Ros2Neck:
-    """Sends joint commands on one topic and takes joint states from another.
+    """Publishes joint commands on one topic and subscribes to joint states on another.
 
     A trajectory begins with the command, half a servo period ahead, with its velocity and acceleration: the mean of the
-    interpolated motion over a servo period is the command, as with a servo that holds it. The points after it brake the
-    joints from there to rest within the neck's limits. If no further command comes, the controller thus
-    stops the neck by itself; and a controller that demands a last point at rest accepts the trajectory.
+    interpolated motion over a servo period equals the command, as with zero-order hold. The following points brake the
+    joints to rest within the neck's limits. So without a further command the controller stops the neck; and a
+    controller that requires a last point at rest accepts the trajectory.
 
-    `read_state` raises `RobotError` if no joint state that can be used has come for `silent_after_s`, and
-    `send_command` if no node listens to the commands; the next call finds them back. A controller that was gone for
-    longer than `silent_after_s` first gets the way from the measured joints to the command, within the limits;
-    `send_command` raises `RobotError` meanwhile. No call but `connect` waits.
+    `read_state` raises `RobotError` without a valid joint state for `silent_after_s`, and `send_command` without a
+    subscriber of the commands; both recover at the next call. After a loss of the controller for longer than
+    `silent_after_s` a motion from the measured joints to the command is sent first, within the limits; meanwhile
+    `send_command` raises `RobotError`. Only `connect` blocks.
 
     Args:
         neck: The joints' limits; without `reports_joints` no joint states are expected.
@@ -54,11 +54,11 @@ class Ros2Neck:
         connect_timeout_s: How long `connect` waits for controller and joint states, seconds.
 
     Raises:
-        SettingsError: If an option cannot be right.
+        SettingsError: If an option is invalid.
 
     Attributes:
-        ignored: Messages that were received and not used.
-        ignored_because: Why the last of them was not, or "".
+        ignored: Number of received messages that were not used.
+        ignored_because: Reason for the last of them, or "".
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Ros2Neck:
         self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
         self._return_steps = ruckig.Ruckig(neck.joints, neck.servo_period_s)
-        # Commands sent, newest last: as many as lie between a command and the joint that follows it.
+        # Commands sent, newest last: the history over the delay of the joints.
         ahead_s = float(np.max(neck.dead_time_s + neck.servo_lag_s)) + neck.servo_period_s
         self._sent: deque[FloatArray] = deque(maxlen=max(3, round(ahead_s * neck.servo_rate_hz)))
         self._measured_rad: FloatArray | None = None
@@ -111,10 +111,10 @@ class Ros2Neck:
         self._sent.clear()
 
     def connect(self) -> None:
-        """Join the graph, and wait until the controller and the joint states are there.
+        """Create the node, and wait for the controller and joint states.
 
         Raises:
-            RobotError: If they are not; names the topic and what to check.
+            RobotError: After a timeout; names the topic and what to check.
             RosNotSourcedError: If rclpy cannot be imported.
         """
         if self._node is not None:
@@ -133,14 +133,14 @@ class Ros2Neck:
             raise
 
     def read_state(self) -> JointState | None:
-        """See `gazempc.robots.robot.Robot.read_state`; a velocity that the robot does not report is NaN."""
+        """See `gazempc.robots.robot.Robot.read_state`; unreported velocities are NaN."""
         self._connected()
         if self._states is None:
             return None
         self._take_in()
         latest, self._latest = self._latest, None
         if latest is None and self._clock_s() - self._heard_s > self._silent_after_s:
-            # The robot may come back with its clock set to an earlier time.
+            # The robot's clock may be set back after a restart.
             self._newest_s = -math.inf
             why = f"; the last one was not used: {self.ignored_because}" if self.ignored_because else ""
             raise RobotError(f"no joint state on {self._state_topic} for more than {self._silent_after_s:g} s{why}")
@@ -193,7 +193,7 @@ class Ros2Neck:
     def close(self) -> None:
         """Leave the graph; the controller brakes the neck, if it moves."""
         if self._sends_speeds and self._commands is not None:
-            # A controller of speeds keeps the last one.
+            # A speed controller holds the last speed.
             with contextlib.suppress(Ros2Error):
                 self._commands.publish(message_type(self._command_type)(data=[0.0] * self._signs.size))
         if self._node is not None:
@@ -235,7 +235,7 @@ class Ros2Neck:
             self._measured_rad = state.position_rad
 
     def _joints(self, message: Any, now_s: float) -> JointState:
-        """The neck's joints of a message that may be about others too, in any order."""
+        """The neck's joints of a message, which may contain others, in any order."""
         missing = [name for name in self._names if name not in message.name]
         if missing:
             raise Ros2Error(f"it has no joint {missing[0]!r}, only {', '.join(message.name) or 'none'}")
@@ -250,7 +250,7 @@ class Ros2Neck:
         position_rad = self._signs * np.asarray(message.position)[at]
         if not np.all(np.isfinite(position_rad)):
             raise Ros2Error(f"its positions are not finite: {position_rad}")
-        # Many drivers leave the velocities out.
+        # Many drivers omit the velocities.
         known = len(message.velocity) == n_joints
         velocity_rad_s = self._signs * np.asarray(message.velocity)[at] if known else np.full_like(self._signs, np.nan)
         return JointState(time_s, position_rad, velocity_rad_s)
@@ -278,8 +278,8 @@ class Ros2Neck:
         np.clip(states[:, 0], self._neck.position_min_rad, self._neck.position_max_rad, out=states[:, 0])
         states *= self._signs
         if self._trajectory is None:
-            # Filled for each command: to make a message takes longer. A stamp of zero stands for the time of arrival,
-            # so that the clocks of the two computers do not matter.
+            # Reused message: construction takes longer. A stamp of zero means the time of arrival, independent of the
+            # clocks of the two computers.
             point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
             points = [point() for _ in range(_STOP_POINTS + 1)]
             self._trajectory = message_type(self._command_type)(joint_names=self._names, points=points)

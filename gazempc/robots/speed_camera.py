@@ -1,4 +1,4 @@
-"""A camera that turns at speeds: its commands are sent in a thread of its own, renewed, and stopped in the end."""
+"""Velocity-controlled camera: commands are sent in a thread, renewed, and stopped at the end."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from gazempc.types import FloatArray, JointState
 
 Pair = tuple[float, float]
 STILL: Pair = (0.0, 0.0)
-# A camera takes about this many new speeds a second; faster ones fill the queue of cheap makers.
+# Minimum time between new speeds; a higher rate fills the command queue of cheap cameras.
 _HOLD_S = 0.04
-# A loop that commands nothing for so long has failed: the camera is stopped.
+# Watchdog: without a command for this time the camera is stopped.
 _WATCHDOG_S = 0.4
-# A move that the device ends by itself after a second is renewed well before.
+# Renewal period of moves with a timeout of one second.
 _RENEW_S = 0.4
-# Time between two inquiries of the position, at least, and in times of an answer: commands go first.
+# Minimum period of position requests, in seconds and in reply times: commands have precedence.
 _POLL_S, _POLL_ANSWERS = 0.1, 4.0
 # Time between two attempts after a fault.
 _RETRY_S = 0.3
@@ -33,26 +33,26 @@ _JOIN_S = 5.0
 
 
 class SpeedDevice(Protocol):
-    """The protocol of a camera. Every method but `close` raises `RobotError`; one thread at a time uses it."""
+    """The protocol of a camera. Every method except `close` may raise `RobotError`; not thread-safe."""
 
     def open(self) -> None:
-        """Connect; moves nothing."""
+        """Connect, without motion."""
 
     def drive(self, speeds_rad_s: Pair) -> None:
-        """Hold speeds of pan and tilt, rad/s, positive to the left and up; returns when the device has accepted them.
+        """Hold speeds of pan and tilt, rad/s, positive to the left and up; returns after acceptance by the device.
 
         Args:
-            speeds_rad_s: Speeds that the device has; two zeros stop it.
+            speeds_rad_s: Speeds among those of the device; two zeros stop it.
         """
 
     def angles_rad(self) -> Pair | None:
-        """Ask for pan and tilt, radians; None if the device does not tell."""
+        """Read pan and tilt, radians; None for a device without position feedback."""
 
     def recover(self) -> None:
         """Prepare for the next attempt after a fault."""
 
     def about(self) -> list[tuple[str, str]]:
-        """What the device is and can do, as pairs of name and value; moves nothing."""
+        """Identity and capabilities of the device, as pairs of name and value; without motion."""
 
     def close(self) -> None:
         """Disconnect; the device has been stopped."""
@@ -61,21 +61,21 @@ class SpeedDevice(Protocol):
 class SpeedCamera:
     """Robot: a pan-tilt camera with speed commands, see `gazempc.robots.robot.Robot`.
 
-    `send_command` chooses speeds of the device by `SpeedDither` and leaves them to a thread, which sends the newest.
-    New speeds are chosen only when that thread has sent the last ones, so what is returned is what the device got.
-    The thread renews each move, stops the device when the loop is silent, and after a fault sends a stop until one is
-    accepted. `close`, the end of the program and a fault of the loop stop the device, too.
+    `send_command` chooses speeds of the device by `SpeedDither`; a thread sends the newest. New speeds are chosen only
+    after the previous ones were sent, so the return value equals the device's input. The thread renews each move, stops
+    the device after the watchdog time, and after a fault repeats a stop until it is accepted. `close`, the end of the
+    program and a fault of the loop also stop the device.
 
     Args:
-        device: Its protocol.
-        neck: The neck: two joints with ``command = "velocity"``, or both with angles for a device that takes these.
-        clock_s: The loop's time, seconds.
-        steps: Speeds of pan and tilt; None for a joint that has all speeds.
-        go_to: Goes to angles of pan and tilt, radians, and returns when the device has accepted them; None for a device
-            that takes speeds only.
+        device: The protocol of the camera.
+        neck: The neck: two joints with ``command = "velocity"``, or both position-controlled if `go_to` is given.
+        clock_s: Returns the loop's time, seconds.
+        steps: Speeds of pan and tilt; None for continuous speeds.
+        go_to: Moves to angles of pan and tilt, radians, and returns after acceptance by the device; None for a device
+            without position commands.
 
     Raises:
-        SettingsError: If the neck has other joints, or a joint takes angles.
+        SettingsError: If the neck has other joints, or unsupported command types.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class SpeedCamera:
         atexit.register(self.close)
 
     def read_state(self) -> JointState | None:
-        """See `gazempc.robots.robot.Robot.read_state`: the newest answer, once; None without one."""
+        """See `gazempc.robots.robot.Robot.read_state`: each position reply once; None without a new one."""
         with self._wake:
             state, self._state = self._state, None
         return state
@@ -134,7 +134,7 @@ class SpeedCamera:
             command: Speeds of pan and tilt, shape (2,), rad/s; or angles, radians.
 
         Returns:
-            The speeds of the device that are in force, shape (2,), rad/s; or the angles within the range.
+            The speeds in force, shape (2,), rad/s; or the angles clamped to the range.
         """
         check_command(command, 2)
         wanted: list[float] = command.tolist()
@@ -181,13 +181,13 @@ class SpeedCamera:
         atexit.unregister(self.close)
 
     def probe(self) -> list[tuple[str, str]]:
-        """Connect, ask what the device is and can do, and disconnect; sends no move.
+        """Connect, read identity and capabilities of the device, and disconnect; without motion.
 
         Returns:
             Pairs of name and value.
 
         Raises:
-            RobotError: If it does not answer.
+            RobotError: If the device does not reply.
         """
         try:
             self._device.open()
@@ -196,7 +196,7 @@ class SpeedCamera:
             self._device.close()
 
     def _work(self) -> None:
-        # Nothing to renew before the first command.
+        # None before the first command: no renewal.
         speeds: Pair | None = None
         sent_s, polls_s = self._clock_s(), -np.inf
         self._fed_s = sent_s
@@ -210,7 +210,7 @@ class SpeedCamera:
                 fresh, send = self._mail is not None, self._send
                 speeds, self._mail = self._mail or speeds, None
                 if self._problem or self._clock_s() - self._fed_s > _WATCHDOG_S:
-                    # What the loop sends next starts from rest.
+                    # The next command starts from rest.
                     fresh, speeds, send = speeds not in (None, STILL), STILL, self._device.drive
                     for dither in self._dithers:
                         dither.choose(0.0, _HOLD_S)
@@ -223,7 +223,7 @@ class SpeedCamera:
                 with self._wake:
                     self._sending = self._mail is not None
                 if self._reports and (asked_s := self._clock_s()) >= polls_s:
-                    # Without a reading the loop goes on by the speeds; a camera that has gone accepts no move either.
+                    # Optional: without readings the observer runs open-loop; a lost camera also refuses moves.
                     with contextlib.suppress(RobotError):
                         self._poll()
                     took_s = self._clock_s() - asked_s

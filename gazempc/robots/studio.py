@@ -1,4 +1,4 @@
-"""A room with a person in it, rendered by MuJoCo: pictures for the camera source, whose geometry is known exactly.
+"""A room with a person, rendered by MuJoCo: pictures with exactly known geometry for the camera source.
 
 The face is the portrait of scikit-image (``skimage.data.astronaut``, NASA, in the public domain), laid over a relief
 with the depth of a face. Behind it is clutter: walls with coarse patches, boxes, and balls with the colour of skin.
@@ -37,11 +37,11 @@ _OUTSIDE_M = np.array([-50.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class StudioPerson:
-    """Where the person is in the room.
+    """Pose of the person in the room.
 
     Attributes:
         eyes_m: The point between the eyes, shape (3,), metres, z up.
-        yaw_rad: Where the face points, about the vertical, radians.
+        yaw_rad: Yaw of the face, radians.
     """
 
     eyes_m: FloatArray
@@ -55,10 +55,10 @@ class Studio:
         width: Width of the pictures, pixels.
         height: Height, pixels.
         fov_deg: Horizontal field of view, degrees.
-        seed: Of the clutter.
+        seed: Seed of the clutter.
 
     Raises:
-        RuntimeError: If nothing can be rendered here; the message names what to install.
+        RuntimeError: If rendering is not possible; the message names the packages to install.
     """
 
     def __init__(self, width: int = 640, height: int = 480, fov_deg: float = 60.0, seed: int = 0) -> None:
@@ -106,7 +106,7 @@ class Studio:
         return self._renderer.render()
 
     def close(self) -> None:
-        """Give the renderer's memory back."""
+        """Release the renderer."""
         self._renderer.close()
 
 

@@ -21,7 +21,7 @@ from gazempc.robots.ptz_emulator import EMULATOR, PtzEmulator
 from gazempc.robots.speed_camera import Pair, SpeedCamera
 
 PORT = 52381
-# The answer to a packet is waited for this long at least and at most; in between by the times that answers took.
+# Bounds of the adaptive reply timeout.
 _WAIT_MIN_S, _WAIT_MAX_S = 0.06, 0.5
 _ATTEMPTS = 3
 _ERRORS = {
@@ -32,7 +32,7 @@ _ERRORS = {
     0x05: "no socket",
     0x41: "not executable now: is it in standby, or is its menu open?",
 }
-# What `--probe` asks.
+# Inquiries of `--probe`.
 _QUESTIONS: tuple[tuple[str, bytes, Callable[[bytes], str]], ...] = (
     ("model", wire.VERSION, lambda a: f"vendor {a[:2].hex()}, model {a[2:4].hex()}, firmware {a[4:6].hex()}"),
     ("power", wire.POWER, lambda a: {b"\x02": "on", b"\x03": "standby"}.get(a, a.hex())),
@@ -40,7 +40,7 @@ _QUESTIONS: tuple[tuple[str, bytes, Callable[[bytes], str]], ...] = (
     ("fastest speeds", wire.MAX_SPEED, lambda a: " and ".join(str(speed) for speed in a)),
     ("zoom", wire.ZOOM, lambda a: a.hex()[1::2]),
 )
-# Ends with the run, whatever ends that: when the pipe breaks without a word, the camera is stopped.
+# A guard process that stops the camera when the pipe to the run breaks, also after a kill.
 _GUARD = """
 import socket, sys, time
 host, port, *packets = sys.argv[1:]
@@ -53,10 +53,10 @@ if not sys.stdin.buffer.read():
 
 
 class ViscaLink:
-    """Exchanges packets with a camera by UDP; one thread at a time uses it.
+    """Exchanges packets with a camera by UDP; not thread-safe.
 
-    A packet without an answer is sent again with the same number, as the standard demands. Answers to another number
-    are late, or out of order, and are left out. A camera with another count is reset.
+    Retransmission uses the same sequence number, as the standard demands. Replies with another number are late, or out
+    of order, and are ignored. After a sequence error the numbering is reset.
 
     Args:
         host: Address of the camera.
@@ -65,8 +65,8 @@ class ViscaLink:
     Attributes:
         host: Address of the camera.
         port: Its UDP port.
-        name: Both, for messages.
-        retries: Number of packets that were sent again.
+        name: Host and port, for messages.
+        retries: Number of retransmissions.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -78,7 +78,7 @@ class ViscaLink:
         self.retries = 0
 
     def open(self) -> None:
-        """Open the socket, and start the count of packets anew.
+        """Open the socket, and reset the sequence number.
 
         Raises:
             RobotError: If there is no such host.
@@ -93,7 +93,7 @@ class ViscaLink:
         self.reset()
 
     def reset(self) -> None:
-        """Start the count of packets anew. Some cameras do not answer to this, and do not count either."""
+        """Reset the sequence number. Some cameras do not reply to this, and ignore sequence numbers."""
         self._sequence = 0
         with contextlib.suppress(RobotError):
             self._exchange(wire.CONTROL, wire.RESET, attempts=1)
@@ -105,18 +105,18 @@ class ViscaLink:
             payload: The command.
 
         Raises:
-            RobotError: If it is refused, or not answered in three attempts.
+            RobotError: If it is refused, or there is no reply in three attempts.
         """
         self._exchange(wire.COMMAND, payload)
 
     def inquire(self, payload: bytes) -> bytes:
-        """Ask the camera.
+        """Send an inquiry.
 
         Args:
             payload: The inquiry.
 
         Returns:
-            The answer without header and end.
+            The reply without header and terminator.
 
         Raises:
             RobotError: As `command`.
@@ -139,7 +139,7 @@ class ViscaLink:
         for attempt in range(attempts):
             self.retries += attempt > 0
             started_s = time.monotonic()
-            # Twice the usual time, and after a loss more.
+            # Twice the usual reply time, increased after each loss.
             until_s = started_s + min(max(2.0 * self._answered_s, _WAIT_MIN_S) * (attempt + 1), _WAIT_MAX_S)
             try:
                 self._socket.send(packet)
@@ -153,10 +153,10 @@ class ViscaLink:
             self._answered_s += 0.25 * (time.monotonic() - started_s - self._answered_s)
             if answer == wire.SEQUENCE_ERROR:
                 if attempt == 0 and kind != wire.CONTROL:
-                    # It has another count, such as after it was switched off and on.
+                    # Sequence error, such as after a power cycle.
                     self.reset()
                     return self._exchange(kind, payload, 1)
-                # It has performed the packet before; what was lost is its answer.
+                # The packet was executed before; only its reply was lost.
                 return answer
             if len(answer) > 2 and answer[1] & 0xF0 == 0x60:
                 why = f"answered {_ERRORS.get(answer[2], f'error {answer[2]:#04x}')}"
@@ -209,7 +209,7 @@ class ViscaDevice:
         self._guard: subprocess.Popen[bytes] | None = None
 
     def open(self) -> None:
-        """See `SpeedDevice.open`; the camera has to answer."""
+        """See `SpeedDevice.open`; includes a test inquiry."""
         if self._emulator is not None:
             self._link = ViscaLink(*self._emulator.start())
         self._link.open()
@@ -238,7 +238,7 @@ class ViscaDevice:
         return -pan * found[0] * self._rad, tilt * found[1] * self._rad
 
     def recover(self) -> None:
-        """See `SpeedDevice.recover`: a camera that was switched off counts anew."""
+        """See `SpeedDevice.recover`: resets the sequence number, for a camera after a power cycle."""
         self._link.reset()
 
     def about(self) -> list[tuple[str, str]]:
@@ -265,7 +265,7 @@ class ViscaDevice:
             self._emulator.close()
 
     def _start_guard(self) -> None:
-        # VISCA moves have no end: a run that is killed leaves its camera turning.
+        # VISCA moves have no timeout: after a kill of the run the camera would keep turning.
         packets = (
             wire.pack(wire.CONTROL, 0, wire.RESET).hex(),
             wire.pack(wire.COMMAND, 1, wire.drive_payload(0, 0)).hex(),
@@ -275,7 +275,7 @@ class ViscaDevice:
 
 
 class ViscaCamera(SpeedCamera):
-    """Robot ``visca:HOST[:PORT]``. VISCA has moves to angles, too, but makers disagree about their units.
+    """Robot ``visca:HOST[:PORT]``. Position commands of VISCA are not used: their units depend on the manufacturer.
 
     Args:
         address: HOST, HOST:PORT or ``emulator``.

@@ -29,7 +29,7 @@ def pack(kind: int, sequence: int, payload: bytes) -> bytes:
 
 
 def unpack(packet: bytes) -> tuple[int, int, bytes] | None:
-    """Type, number and payload of a packet; None for what is none."""
+    """Type, sequence number and payload of a packet; None for invalid data."""
     if len(packet) <= _HEADER.size:
         return None
     kind, length, sequence = _HEADER.unpack_from(packet)
@@ -42,7 +42,7 @@ def drive_payload(pan: int, tilt: int) -> bytes:
 
     Args:
         pan: Speed step of pan, positive to the left; 0 stops.
-        tilt: Of tilt, positive up.
+        tilt: Speed step of tilt, positive up.
 
     Returns:
         The payload.
@@ -52,7 +52,7 @@ def drive_payload(pan: int, tilt: int) -> bytes:
 
 
 def drive_of(payload: bytes) -> tuple[int, int] | None:
-    """Speed steps of a command Pan-tiltDrive, as `drive_payload` takes them; None for what is none, or out of range."""
+    """Speed steps of a command Pan-tiltDrive, as in `drive_payload`; None if it is another command or out of range."""
     if len(payload) != 9 or not payload.startswith(_DRIVE):
         return None
     found = []
@@ -64,13 +64,13 @@ def drive_of(payload: bytes) -> tuple[int, int] | None:
 
 
 def position_payload(pan: int, tilt: int) -> bytes:
-    """The answer to `POSITION`: counts to the right and up, 16 bits each."""
+    """The reply to `POSITION`: counts to the right and up, 16 bits each."""
     nibbles = [(count & 0xFFFF) >> shift & 0xF for count in (pan, tilt) for shift in (12, 8, 4, 0)]
     return bytes([0x90, 0x50, *nibbles, 0xFF])
 
 
 def position_of(answer: bytes) -> tuple[int, int] | None:
-    """Counts of pan and tilt in an answer without header and end; pan, or both, have five digits with some cameras."""
+    """Counts of pan and tilt in a reply without header and terminator; some cameras use five digits for pan or both."""
     digits = {8: 4, 9: 5, 10: 5}.get(len(answer))
     if digits is None or max(answer) > 0xF:
         return None
@@ -83,7 +83,7 @@ def position_of(answer: bytes) -> tuple[int, int] | None:
 
 
 def visca_steps(neck: NeckSpec) -> tuple[SpeedSteps, SpeedSteps]:
-    """Speeds of a camera with VISCA: the table of the neck file, else 24 and 20 equal steps to the top speed."""
+    """Speeds of a VISCA camera: the table of the neck file, else 24 and 20 equidistant steps to the top speed."""
     pan, tilt = (
         axis.speed_steps or SpeedSteps.equal(axis.full_rad_s, count)
         for axis, count in zip((neck.pan, neck.tilt), SPEEDS, strict=True)

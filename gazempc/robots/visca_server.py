@@ -1,4 +1,4 @@
-"""The camera's side of VISCA over IP, as its makers describe it: packets in, speeds to a neck, answers out."""
+"""VISCA over IP server of the emulated camera, after the manufacturers' documentation."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from gazempc.neck.spec import NeckSpec
 from gazempc.robots import visca_packets as wire
 from gazempc.robots.robot import Robot
 
-# Of pan and tilt, as most cameras count.
+# Position counts of pan and tilt, as of most cameras.
 COUNTS_PER_DEG = 14.4
 _ACK, _DONE = bytes.fromhex("9041ff"), bytes.fromhex("9051ff")
 _TYPE_ERROR = b"\x0f\x02"
 _SYNTAX_ERROR = bytes.fromhex("906002ff")
-# Not a maker's: vendor and model 0.
+# Vendor and model 0: not of a manufacturer.
 _ANSWERS = {
     wire.VERSION: bytes.fromhex("905000000000010002ff"),
     wire.POWER: bytes.fromhex("905002ff"),
@@ -28,17 +28,17 @@ _ANSWERS = {
 
 
 class ViscaServer:
-    """Listens on a UDP port of this computer, and drives a neck.
+    """Listens on a local UDP port, and commands a neck.
 
     Args:
-        plant: The neck, connected: takes speeds, and has `true_state`.
-        neck: Its speed table.
+        plant: The neck, connected: velocity-controlled, with `true_state`.
+        neck: The neck with its speed table.
         plant_lock: Held while the plant is used.
 
     Attributes:
         address: Host and port.
         driven: The commands Pan-tiltDrive so far: time by `time.monotonic`, steps of pan and tilt.
-        silent: Whether packets are neither read nor answered, as by a camera without power.
+        silent: Whether packets are ignored, as by a camera without power.
     """
 
     def __init__(self, plant: Robot, neck: NeckSpec, plant_lock: threading.Lock | None = None) -> None:
@@ -83,7 +83,7 @@ class ViscaServer:
             self._sequence = max(sequence, self._sequence)
             return [wire.pack(wire.REPLY, sequence, self._answer(payload))]
         if kind != wire.COMMAND or sequence <= self._sequence:
-            # Sent again or overtaken: it is not carried out twice.
+            # Retransmitted or out of order: not executed twice.
             return [
                 wire.pack(wire.CONTROL_REPLY, sequence, wire.SEQUENCE_ERROR if kind == wire.COMMAND else _TYPE_ERROR)
             ]

@@ -1,1 +1,1 @@
-"""ROS 2: a node of rclpy that is asked for its messages, stamps, and frames of tf. May import gazempc.errors."""
+"""ROS 2: a polled node of rclpy, stamps, and frames of tf. May import gazempc.errors."""

@@ -48,7 +48,7 @@ def message_type(name: str) -> Any:
 
 @contextlib.contextmanager
 def ros_errors() -> Iterator[None]:
-    """What rclpy raises becomes a Ros2Error."""
+    """Convert exceptions of rclpy to `Ros2Error`."""
     try:
         yield
     except GazempcError:
@@ -58,7 +58,7 @@ def ros_errors() -> Iterator[None]:
 
 
 class Publication:
-    """A topic that is sent on; made by `Ros2Node`."""
+    """A publisher; made by `Ros2Node`."""
 
     def __init__(self, publisher: Any) -> None:
         self._publisher = publisher
@@ -80,7 +80,7 @@ class Publication:
 
 
 class Subscription:
-    """A topic that is listened to; made by `Ros2Node`.
+    """A polled subscription; made by `Ros2Node`.
 
     Attributes:
         made: The subscription of rclpy.
@@ -126,7 +126,7 @@ class Subscription:
 
 
 def quality_mismatch(sender: Any, listener: Any) -> str:
-    """Why sender and listener do not fit, in terms of quality of service; empty if they do."""
+    """Incompatibility of the quality of service of publisher and subscription; empty if they are compatible."""
     from rclpy.qos import QoSCompatibility, qos_check_compatible  # noqa: PLC0415
 
     verdict, reason = qos_check_compatible(sender, listener)
@@ -178,7 +178,7 @@ class Ros2Node:
 
     Raises:
         RosNotSourcedError: If rclpy cannot be imported.
-        Ros2Error: If the node cannot be made.
+        Ros2Error: If the node cannot be constructed.
     """
 
     def __init__(self, name: str, use_sim_time: bool = False) -> None:

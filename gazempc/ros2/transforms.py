@@ -1,4 +1,4 @@
-"""The tree of frames of tf: poses of frames in other frames at a time."""
+"""Transform tree of tf: time-dependent poses of frames in other frames."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _pose_of(numbers: _Numbers) -> FloatArray:
 
 
 def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
-    """The pose between two, straight on and turning steadily.
+    """Interpolated pose: linear in position, constant angular velocity in orientation (slerp).
 
     Args:
         early: The one, shape (4, 4).

@@ -1,1 +1,1 @@
-"""Simulation: what a sensor sees of a recording, the simulated neck, a replay. May import gazempc.loop."""
+"""Simulation: sensor model, neck model, replay of recordings. May import gazempc.loop."""

@@ -1,4 +1,4 @@
-"""Several people before one sensor, with occlusion of people behind others."""
+"""Simulated observations of several people by one sensor, with mutual occlusion."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from gazempc.sim.sensor import observe
 from gazempc.types import Sighting
 from predictors import Forecast, HeadObservation, Perfect
 
-# Shoulders are 0.45 m wide: a person whose middle is behind the shoulders of another is lost by trackers of bodies and
-# of faces alike.
+# Half the width of shoulders (0.45 m): body and face trackers lose a person whose centre line is behind another's
+# shoulders.
 _COVERED_M = 0.225
 
 
 def observe_together(walks: Sequence[Recording], sensor: SensorSpec, seed: int) -> list[tuple[int, Sighting]]:
-    """See several recordings that play at the same time through one sensor.
+    """Simulate observations of several simultaneous recordings.
 
     Args:
-        walks: The recordings in the robot's base frame; each begins at its own first time.
+        walks: The recordings in the robot's base frame, with their own start times.
         sensor: The sensor.
         seed: Seed of its errors.
 
     Returns:
-        Which recording each sighting is of, and the sighting, in the order of arrival.
+        Index of the recording and sighting, in order of arrival.
 
     Raises:
-        SettingsError: If a person is never seen.
+        SettingsError: If a person is never observed.
     """
     heads = [TrueHead(walk) for walk in walks]
     found: list[tuple[int, Sighting]] = []
     for k, walk in enumerate(walks):
-        # The seeds differ by name, even where one recording plays twice.
+        # Different names, for independent noise also if a recording occurs twice.
         for sighting in observe(replace(walk, name=f"{walk.name} {k}"), sensor, seed):
             captured_s = sighting.observation.capture_time_s
             others = [head for j, head in enumerate(heads) if j != k and _plays(walks[j], captured_s)]
@@ -56,7 +56,7 @@ def _is_hidden(head: TrueHead, others: Sequence[TrueHead], time_s: float) -> boo
     for other in others:
         other_m = other([time_s])[0]
         nearer_m = float(np.linalg.norm(other_m))
-        # The distance of the one before from the line of sight to the one behind.
+        # Distance of the nearer person from the line of sight to the farther one.
         along_m = float(other_m @ own_m) / range_m
         if nearer_m < range_m and along_m > 0.0 and nearer_m**2 - along_m**2 < _COVERED_M**2:
             return True
@@ -64,7 +64,7 @@ def _is_hidden(head: TrueHead, others: Sequence[TrueHead], time_s: float) -> boo
 
 
 class PerfectOfCrowd:
-    """The predictor `perfect` among several people: of the person nearest to its first observation.
+    """The predictor `perfect` for several people: true future of the person nearest to its first observation.
 
     Args:
         heads: True head of each person.
@@ -75,11 +75,11 @@ class PerfectOfCrowd:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the person."""
+        """Discard the person."""
         self._perfect: Perfect | None = None
 
     def update(self, observation: HeadObservation) -> None:
-        """Take in one observation; see `predictors.predictor.Predictor.update`."""
+        """Process one observation; see `predictors.predictor.Predictor.update`."""
         if self._perfect is None:
             seen_m, captured_s = observation.head_position_base_m, observation.capture_time_s
             away_m = [float(np.linalg.norm(head([captured_s])[0] - seen_m)) for head in self._heads]

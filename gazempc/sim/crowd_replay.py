@@ -20,18 +20,18 @@ _NONE = -1
 
 
 class Crowd:
-    """All people of a scene, and the attended one; a person alone is attended all the time.
+    """All people of a scene, and the attended one; a single person is always attended.
 
     Args:
         scene: The scene.
-        target: The target of the loop: one of several people, or a person alone.
+        target: The target of the loop: the attended one of several people, or a single person.
 
     Attributes:
         heads: True head of each person.
-        seen: Number in `heads` and sighting, in the order of arrival.
+        seen: Number in `heads` and sighting, in order of arrival.
 
     Raises:
-        SettingsError: If there are several people and the target is a person alone.
+        SettingsError: If there are several people and the target is for a single person.
     """
 
     def __init__(self, scene: Scene, target: Target) -> None:
@@ -50,7 +50,7 @@ class Crowd:
         self._attended: list[tuple[float, int]] = []
 
     def note(self, now_s: float) -> None:
-        """Keep the attended person and swaps of identity; called after each tick.
+        """Record the attended person and identity swaps; called after each tick.
 
         Args:
             now_s: The time, seconds.
@@ -59,7 +59,7 @@ class Crowd:
             return
         attended = _NONE
         for track in self._several.people.confirmed:
-            # Whose observations they are may change while their number does not.
+            # Identity swap: observations of another person under the same number.
             owner = self._whose[id(track.newest)]
             if self._owners.setdefault(track.number, owner) != owner:
                 self._owners[track.number] = owner
@@ -69,13 +69,13 @@ class Crowd:
         self._attended.append((now_s, attended))
 
     def attended_head(self, times_s: FloatArray) -> FloatArray:
-        """True position of the head that was looked at.
+        """True position of the attended head.
 
         Args:
             times_s: Times, shape (H,), seconds.
 
         Returns:
-            Positions, shape (H, 3), metres; NaN where no person was attended, or the position is unknown.
+            Positions, shape (H, 3), metres; NaN if no person was attended, or the position is unknown.
         """
         found = np.full((times_s.size, 3), np.nan)
         whom = self._attended_at(times_s)
@@ -86,13 +86,13 @@ class Crowd:
         return found
 
     def completed(self, log: Log) -> Log:
-        """Remove comparisons of a forecast with another person from a log, and add the swaps of identity.
+        """Remove comparisons of a forecast with another person from a log, and add identity swaps.
 
         Args:
             log: The log.
 
         Returns:
-            The log; true heads at times of forecasts are NaN where another person was attended by then.
+            The log; true heads at times of forecasts are NaN if another person was attended by then.
         """
         then = self._attended_at(log.capture_time_s)[:, None]
         ahead = log.capture_time_s[:, None] + log.forecast_horizon_s

@@ -1,4 +1,4 @@
-"""Replay a scene to several controllers, under one seed of the noise after the other."""
+"""Repeated replays of a scene for several controllers and noise seeds."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 
 DEFAULT_SEEDS = 8
-# Longest wait for repetitions that were not requested.
+# Time limit of repetitions by default.
 PATIENCE_S = 10.0
 
 
 @dataclass(frozen=True)
 class Repeated:
-    """Replays and figures of repeated replays.
+    """Replays and metrics of repeated replays.
 
     Attributes:
-        first: The replays under the first seed, by a name of the controller that fits a file and is there once.
-        repeats: The figures of each controller, in the same order.
-        faults: Exceptions that runs survived, by seed, then by the same names; only where there are some.
+        first: The replays under the first seed, by a unique name of the controller that is valid as a file name.
+        repeats: The metrics of each controller, in the same order.
+        faults: Exceptions caught in the runs, by seed, then by the same names; without empty entries.
         seeds_note: Number of noise seeds and the reason, as a sentence.
-        interrupted: The signal that ended the repetitions before all were done.
-        plans: The plans of the replays under the first seed, by the names of `first`; a log does not hold them.
+        interrupted: The signal that interrupted the repetitions.
+        plans: The plans of the replays under the first seed, by the names of `first`; not part of a log.
     """
 
     first: dict[str, Replayed]
@@ -45,22 +45,22 @@ class Repeated:
 def replay_repeatedly(
     scene: Scene, settings: ReplaySettings, controllers: Sequence[str], count: int | None, progress: Progress
 ) -> Repeated:
-    """Replay a scene under seeds from its own on.
+    """Replay a scene under consecutive seeds, starting with its own.
 
     Args:
         scene: Walk, neck, sensor and first seed.
         settings: Predictor and parameters of the parts.
         controllers: Names of the controllers.
-        count: Number of seeds; None for 8, or as many as fit into ten seconds, or one if the noise makes no difference.
-        progress: Shows the replay under way.
+        count: Number of seeds; None for 8, or as many as fit into ten seconds, or one if the noise has no effect.
+        progress: Progress display.
 
     Returns:
-        Replays and figures.
+        Replays and metrics.
 
     Raises:
-        Interrupted: By a signal before the first replay is complete; later what is complete is returned.
+        Interrupted: By a signal before the first replay is complete; a later signal ends the repetitions.
         LeftOutError: If the recording is too short to be scored.
-        SettingsError: If a part cannot be made, or violates its interface.
+        SettingsError: If construction of a part fails, or its interface is violated.
     """
     rounds: list[list[Row]] = []
     survived: dict[int, dict[str, list[dict[str, Any]]]] = {}
@@ -89,7 +89,7 @@ def replay_repeatedly(
         interrupted, reason = stop, "interrupted"
         if not first:
             raise
-        if not rounds:  # the controllers that were complete under the first seed
+        if not rounds:  # the controllers completed under the first seed
             rounds.append(_rows(first, scene.neck.control_period_s))
     seeds = tuple(range(scene.seed, scene.seed + len(rounds)))
     return Repeated(first, by_controller(seeds, rounds), survived, _seeds_note(seeds, reason), plans, interrupted)
@@ -103,7 +103,7 @@ def _replay_each(
     replayed: dict[str, Replayed],
     plans: dict[str, list[PlanMoment]],
 ) -> None:
-    """Replay to each controller, and keep each replay and its plans as soon as it is complete."""
+    """Replay for each controller, and store each replay and its plans as soon as it is complete."""
     chosen = list(dict.fromkeys(controllers))
     for k, controller in enumerate(chosen):
         planned: list[PlanMoment] = []
@@ -116,7 +116,7 @@ def _replay_each(
                 planned.append(moment)
 
         found = replay_scene(scene, controller, settings.predictor, settings, of_all, keep)
-        # A controller's name, with a number after an earlier one of the same name.
+        # The controller's name, with a number appended to a duplicate.
         plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in found.log.run.controller)
         same = sum(other == plain or other.startswith(f"{plain}_") for other in replayed)
         name = f"{plain}_{same + 1}" if same else plain
@@ -133,7 +133,7 @@ def _rows(replayed: dict[str, Replayed], control_period_s: float) -> list[Row]:
 
 
 def _figures(rows: Sequence[Row]) -> str:
-    # As text, in which NaN is the same as NaN.
+    # As text: NaN compares equal.
     return repr([(row.controller, row.metrics) for row in rows])
 
 

@@ -1,4 +1,4 @@
-"""Replay a recording to a simulated neck, in simulated time."""
+"""Replay of a recording with a simulated neck, in simulated time."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from predictors import Predictor
 
 
 class ReplaySettings(GazeSettings, SceneSettings):
-    """All settings of a replay, but the recording and the controller."""
+    """All settings of a replay except the recording and the controller."""
 
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     options: Annotated[dict[str, Any], tyro.conf.Suppress] = Field(
@@ -62,9 +62,9 @@ class Replayed(NamedTuple):
 
 @contextmanager
 def _without_collection() -> Iterator[None]:
-    """Pause the garbage collector during a replay. It would take a tenth of the CPU time and find nothing.
+    """Pause the garbage collector during a replay: a tenth of the CPU time without effect.
 
-    It resumes after the replay's objects are gone, because its first run visits all objects made meanwhile.
+    It resumes after the replay's objects are freed, because its first run visits all objects allocated meanwhile.
     """
     enabled = gc.isenabled()
     gc.disable()
@@ -85,26 +85,26 @@ def replay_scene(
     watch: Callable[[Moment], None] | None = None,
     look_aways: LookAways | None = None,
 ) -> Replayed:
-    """Replay a scene to one controller on a simulated neck.
+    """Replay a scene for one controller on a simulated neck.
 
-    The neck starts at rest, looking at the first observed head, or at the start offset of the scene. The same arguments
-    give the same log to the last bit.
+    The neck starts at rest, looking at the first observed head, or at the start offset of the scene. Deterministic: the
+    same arguments give a bitwise identical log.
 
     Args:
         scene: Walk, neck, sensor and seed.
-        controller: A controller, or its name; ``mpc+perfect`` names its predictor, too.
+        controller: A controller, or its name; ``mpc+perfect`` includes the name of its predictor.
         predictor: A predictor, or its name.
-        settings: Parameters of the parts that are named, and of the loop. Values of the scene have precedence.
-        on_tick: Called at each tick with the share of the recording that is done, 0 to 1.
-        watch: Called with each moment as it happens.
-        look_aways: A given schedule of looking away; default: that of the settings.
+        settings: Parameters of the parts given by name, and of the loop. Values of the scene have precedence.
+        on_tick: Called at each tick with the completed share of the recording, 0 to 1.
+        watch: Called with each moment when it is recorded.
+        look_aways: Schedule of gaze aversion; default: from the settings.
 
     Returns:
         The log and the computing times.
 
     Raises:
         LeftOutError: If the recording is too short to be scored.
-        SettingsError: If a part cannot be made, or violates its interface.
+        SettingsError: If construction of a part fails, or its interface is violated.
     """
     walk = scene.walk
     limits = settings.loop.gaze_region_deg, settings.loop.speed_max_rad_s, settings.framing
@@ -169,7 +169,7 @@ def replay_scene(
 
 
 def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_joints: Sequence[JointState]) -> bool:
-    """Whether a sensor on the head, as that stood at the stamp, had the person in view."""
+    """Whether the person was in view of a sensor on the head, at the joint angles of the capture time."""
     captured_s = sighting.observation.capture_time_s
     neck = scene.robot_neck or scene.neck
     tick = min(max(round(captured_s * neck.servo_rate_hz), 0), len(true_joints) - 1)
@@ -178,8 +178,8 @@ def _in_turned_view(scene: Scene, sighting: Sighting, true_head: TrueHead, true_
 
 
 def _settings_of(scene: Scene, predictor: Predictor | str, settings: ReplaySettings) -> dict[str, Any]:
-    """The settings as they were used: the scene's own values, and names for objects."""
-    # Other settings of a command, such as the output folder, do not change a run.
+    """The effective settings: values of the scene, and names in place of objects."""
+    # Other settings of a command, such as the output folder, do not affect a run.
     used = settings.model_dump(mode="json", include=set(ReplaySettings.model_fields))
     return used | {
         "neck": scene.neck.name,

@@ -23,7 +23,7 @@ from gazempc.types import FloatArray
 
 
 class PlaceSettings(Settings):
-    """Settings of a scene but the neck and the sensor; what is None is what fits the recording."""
+    """Settings of a scene except neck and sensor; the default of None depends on the recording."""
 
     placement: Placement | None = Field(
         default=None,
@@ -40,7 +40,7 @@ class PlaceSettings(Settings):
 
 
 class StageSettings(PlaceSettings):
-    """Settings of a scene but the neck, by names; what is None is what fits the recording."""
+    """Settings of a scene except the neck; the default of None depends on the recording."""
 
     sensor: str | None = Field(
         default=None,
@@ -58,20 +58,19 @@ class SceneSettings(StageSettings):
 
 @dataclass(frozen=True)
 class Scene:
-    """All that a replay is made of, but predictor and controller.
+    """All inputs of a replay except predictor and controller.
 
     Attributes:
         walk: The recording in the robot's base frame, time starting at 0.
-        neck: The neck as modelled by controller and smoother.
+        neck: Model of the neck in controller and smoother.
         sensor: The sensor.
-        placement: The robot's place.
-        stands_at_sensor: Whether that is where the recording's own sensor stood.
-        seed: Seed of the sensor's noise and of the encoders'.
-        start_offset_deg: Pan at the start, from looking at the first observed head, degrees.
-        start_rad: Pan and tilt at the start, radians; None for looking at the first observed head, and
-            `start_offset_deg` beside it.
-        robot_neck: The neck that is simulated, where it differs from `neck`; it must have the same rates.
-        others: Other people who are there at the same time.
+        placement: Pose of the robot.
+        stands_at_sensor: Whether this is the pose of the recording's own sensor.
+        seed: Seed of sensor noise and encoder noise.
+        start_offset_deg: Initial pan relative to the first observed head, degrees.
+        start_rad: Initial pan and tilt, radians; None for the first observed head plus `start_offset_deg`.
+        robot_neck: The simulated neck, if it differs from `neck`; the rates must be equal.
+        others: Recordings of other people, present at the same time.
     """
 
     walk: Recording
@@ -91,14 +90,14 @@ class Scene:
         return MARK.join(walk.name for walk in (self.walk, *self.others))
 
     def first_angles_rad(self, first_seen_base_m: FloatArray) -> FloatArray:
-        """Where the neck stands at the start.
+        """Initial joint angles.
 
         Args:
             first_seen_base_m: The first observed head, shape (3,), metres.
 
         Returns:
-            Angles of all joints, shape (N,), radians: pan and tilt look there, the others rest; a body
-            turns as far as the head needs.
+            Angles of all joints, shape (N,), radians: pan and tilt look at the head, the others rest; a body
+            turns as far as needed for the range of the head.
         """
         start = self.neck.rest_rad.copy()
         if self.start_rad is not None:
@@ -108,7 +107,7 @@ class Scene:
         start[:2] = look_at_rad(self.neck.geometry, first_seen_base_m)
         start[0] += np.deg2rad(self.start_offset_deg) - body_rad
         if self.neck.body is not None:
-            # The body stands where the head reaches the person.
+            # The body turns until the person is in the range of the head.
             limits = self.neck.command_limits
             beyond_rad = start[0] - np.clip(start[0], limits.position_min_rad[0], limits.position_max_rad[0])
             start[-1] = np.clip(start[-1] + beyond_rad, limits.position_min_rad[-1], limits.position_max_rad[-1])
@@ -126,18 +125,18 @@ def make_scene(
     """Make a scene.
 
     Args:
-        recording: A recording, the name of a synthetic one, or a path; with `all_people` all that
-            `gazempc.recordings.load.load_together` takes.
-        settings: Names and numbers of the rest.
-        neck: A neck in place of the settings' one.
-        sensor: A sensor in place of the settings' one.
-        all_people: Whether all people of the recording are there, and not one alone.
+        recording: A recording, the name of a synthetic one, or a path; with `all_people` any argument of
+            `gazempc.recordings.load.load_together`.
+        settings: All other settings.
+        neck: Overrides the neck of the settings.
+        sensor: Overrides the sensor of the settings.
+        all_people: Whether all people of the recording are present, or one of them.
 
     Returns:
         The scene.
 
     Raises:
-        GazempcError: If a name does not exist, a file is wrong, or the robot cannot stand there.
+        GazempcError: If a name does not exist, a file is invalid, or the robot's place is infeasible.
     """
     if isinstance(recording, Recording):
         walks: tuple[Recording, ...] = (recording,)
@@ -164,7 +163,7 @@ def make_scene(
 
 
 def _on_robot(sensor: SensorSpec, neck: NeckSpec) -> SensorSpec:
-    """A sensor whose own file leaves its view open sees what the camera on the robot's head sees."""
+    """The sensor, with the field of view of the camera on the robot's head if it states none."""
     if neck.head_view_deg is None or sensor.view.limited:
         return sensor
     horizontal_deg, vertical_deg = neck.head_view_deg

@@ -1,4 +1,4 @@
-"""Sensors by name or path; the folder `sensing` has the fields of their files and their observations."""
+"""Sensors by name or path; `gazempc.sim.sensing` has the fields of their files and the simulation."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def load_sensor(name_or_path: str | Path) -> SensorSpec:
         The checked sensor.
 
     Raises:
-        SettingsError: If there is no such sensor or a field is wrong; the message names file and field.
+        SettingsError: If there is no such sensor or a field is invalid; the message names file and field.
     """
     return load_spec(SensorSpec, "sim/sensors", name_or_path)
 
 
 def default_sensor(recording: Recording) -> str:
-    """The sensor that fits a recording: its own where the true motion is not known, else `reference`."""
+    """Default sensor of a recording: its own if the true motion is unknown, else `reference`."""
     return "recorded" if truth_of(recording.kind) else "reference"

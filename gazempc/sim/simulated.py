@@ -15,13 +15,13 @@ from gazempc.types import FloatArray, JointState
 
 
 class SimulatedNeck:
-    """A servo behind an exact dead time for each joint; time is that of the clock when a method is called.
+    """Simulates a servo with exact dead time for each joint, at the clock's time of each method call.
 
     Args:
-        neck: What to simulate.
-        position_rad: Where it stands at rest in the beginning, shape (N,), radians.
-        clock_s: Gives the present time in seconds; never runs backwards.
-        seed: Of the encoders' noise.
+        neck: The simulated neck.
+        position_rad: Initial angles, at rest, shape (N,), radians.
+        clock_s: Returns the present time, seconds; not decreasing.
+        seed: Seed of encoder noise.
     """
 
     keeps_any_clock = True
@@ -35,7 +35,7 @@ class SimulatedNeck:
         self._advanced_s = -math.inf
         self._load_rad: list[float] = np.deg2rad([axis.load_offset_deg for axis in neck.axes]).tolist()
         self._limits_rad = list(zip(neck.position_min_rad.tolist(), neck.position_max_rad.tolist(), strict=True))
-        # Of what is sent: angles, or speeds.
+        # Limits of the input: angles, or speeds.
         self._sendable = [
             (-axis.velocity_max_rad_s, axis.velocity_max_rad_s) if axis.takes_speed else limits
             for axis, limits in zip(neck.axes, self._limits_rad, strict=True)
@@ -67,8 +67,8 @@ class SimulatedNeck:
         return JointState(true.time_s, true.position_rad + noise_rad, true.velocity_rad_s)
 
     def true_state(self) -> JointState:
-        """Where the joints really are; raises as `read_state`."""
-        # Asked for several times a tick; what is sent meanwhile does not change it.
+        """True joint state; raises as `read_state`."""
+        # Cached: read several times a tick; commands within the tick do not change it.
         true = self._true
         if true is not None and true.time_s == self._clock_s():
             return true
@@ -80,7 +80,7 @@ class SimulatedNeck:
         return true
 
     def send_command(self, command: FloatArray) -> FloatArray:
-        """See `gazempc.robots.robot.Robot.send_command`; an axis that takes speeds is sent one, rad/s."""
+        """See `gazempc.robots.robot.Robot.send_command`; rad/s for a velocity-controlled axis."""
         wanted = command.tolist()
         if not all(map(math.isfinite, wanted)):
             raise RobotError(f"refused a command that is not finite: {command}")

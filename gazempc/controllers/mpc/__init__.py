@@ -1,1 +1,1 @@
-"""The model-predictive controller: program, solvers, and what it aims at. May import gazempc.controllers."""
+"""The model-predictive controller: optimal control problem, condensing, solver. May import gazempc.controllers."""

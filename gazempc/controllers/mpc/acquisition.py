@@ -24,13 +24,13 @@ _ANYWHERE_RAD = 100.0
 class Acquisition:
     """Acquisition of one joint.
 
-    A quadratic cost under an acceleration limit overshoots, as an early arrival is worth a swing to the other side. So
-    the reference bounds the angles of a joint that acquires a distant target.
+    Under an acceleration limit a quadratic cost overshoots: early arrival outweighs the overshoot. So the reference
+    bounds the angles of a joint that acquires a distant target.
 
     Args:
         neck: The neck.
         index: 0 for pan, 1 for tilt.
-        smoothing_time_s: T of the program that takes over, seconds: a joint overshoots by about T times its speed.
+        smoothing_time_s: T of the acquisition's program, seconds: a joint overshoots by about T times its speed.
     """
 
     def __init__(self, neck: NeckSpec, index: int, smoothing_time_s: float) -> None:
@@ -63,7 +63,7 @@ class Acquisition:
         """
         aim_rad = float(reference_rad[0])
         gap_rad = aim_rad - joint_rad
-        # The speed at which the gap grows.
+        # Rate of the tracking error.
         speed_rad_s = turning_rad_s - joint_rad_s
         # A joint at its limit has reached a target beyond it.
         off_rad = abs(min(max(aim_rad, self._low_rad), self._high_rad) - joint_rad)
@@ -75,7 +75,7 @@ class Acquisition:
         low_rad = np.full(reference_rad.size, -_ANYWHERE_RAD)
         high_rad = np.full(reference_rad.size, _ANYWHERE_RAD)
         if self._far:
-            # Half a control period early: a forecast that comes nearer meanwhile does not carry it past.
+            # Half a control period early: a change of the forecast before the next tick must not cause overshoot.
             before_rad = 0.5 * self._period_s * abs(speed_rad_s)
             if gap_rad > 0.0:
                 high_rad = reference_rad - before_rad

@@ -2,7 +2,7 @@
 
 CasADi differentiates: the Jacobian of one servo tick, the coefficients of cost and rows. Numpy rolls the tick out over
 the horizon, so all quantities are linear in z0 and the jerks x, counted as shares of their limit. With the parameters
-p = [z0; 1; r] the program is that of `gazempc.controllers.mpc.qp`, with g = cost_map p and the bounds minus rows_map p.
+p = [z0; 1; r] it has the form of `gazempc.controllers.mpc.qp`, with g = cost_map p and the bounds minus rows_map p.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 
-# The cost is counted in squared hundredths of a radian, which suits the absolute tolerances of solvers.
+# Cost in squared hundredths of a radian, to suit the absolute tolerances of solvers.
 COST_SCALE = 1e4
-# Minimum step; later steps grow by this share of the time that has passed when they begin (move blocking): later
-# motion is planned again before it comes, and the solver's time grows with the number of steps.
+# Minimum step; later steps grow with this share of their start time (move blocking): the receding horizon replans
+# later motion, and the solver's time grows with the number of steps.
 _STEP_S = 0.02
 _SHARE_OF_TIME = 0.25
 _INFEASIBLE = 2  # status of scipy.optimize.linprog
@@ -57,13 +57,13 @@ def growing_steps(horizon_s: float, period_s: float) -> tuple[int, ...]:
 
 
 class AxisModel:
-    """One joint over the horizon, as linear maps from [z0; 1; x], 6 + n columns; the same for all weights.
+    """Prediction model of one joint: linear maps from [z0; 1; x], 6 + n columns; independent of the weights.
 
     Args:
         neck: The neck.
-        index: Place of the joint among the neck's.
+        index: Index of the joint in `NeckSpec.joint_names`.
         lengths: Length of each of the n steps, in which the jerk is constant, control periods.
-        knots: Control periods at whose ends the command is wanted, K; at most the sum of the lengths.
+        knots: Number K of control periods with a knot at the end; at most the sum of the lengths.
 
     Attributes:
         lengths: Length of each step, control periods, shape (n,).
@@ -82,7 +82,7 @@ class AxisModel:
         states, accelerations = self._rolled_out(lengths)
         ends, jerks = np.cumsum(lengths) - 1, self.jerk_scale * np.eye(n, 5 + n, 5)
         parts = [states[ends, 0], states[ends, 1], accelerations[ends], *(states[ends, i] for i in (2, 3, 4)), jerks]
-        # A column of zeros for the constant 1: the dynamics have no constant part.
+        # A column of zeros for the constant 1: the dynamics are linear, not affine.
         self.motion: FloatArray = np.insert(np.concatenate(parts), len(STATE), 0.0, axis=1)
         self.joint, self.velocity, self.acceleration = self.motion[: 3 * n].reshape(3, n, -1)
         commands = np.concatenate(states[:knots, 2:].transpose(1, 0, 2))
@@ -106,19 +106,19 @@ class AxisModel:
         return both[:, :5], both[:, 5]
 
 
-# The model of a joint, made once for all controllers of the same neck and horizon: two for each of the last four
-# controllers. Safe: the key is frozen, and a model is not changed.
+# Shared by all controllers of the same neck and horizon: two models for each of the last four controllers. Safe: the
+# key is frozen, and a model is immutable.
 axis_model = lru_cache(maxsize=8)(AxisModel)
 
 
 class Program(NamedTuple):
-    """The constant part of the quadratic program of one joint: its arrays cannot be written to.
+    """The constant part of the quadratic program of one joint; read-only arrays.
 
     Attributes:
-        data: The matrices that a solver needs. Soft rows: 3 n limits, own rows, n angles if bounded.
+        data: Matrices of the solver. Soft rows: 3 n limits, own rows, n angles if bounded.
         cost_map: Linear cost from the parameters p = [z0; 1; r].
-        rows_map: The soft rows without jerk, from p.
-        gain: The state feedback with preview while no limit binds: optimal x, then rows and knots at it, from p.
+        rows_map: The soft rows at zero jerk, from p.
+        gain: The state feedback with preview while no limit is active: optimal x, then its rows and knots, from p.
         own_rows: Name and number of rows of each own part.
     """
 
@@ -177,7 +177,7 @@ def condensed(model: AxisModel, tuning: Tuning, bounded: bool, own: OwnParts = N
 
 
 def _check_feasible(a: FloatArray, rows_map: FloatArray, own: OwnParts) -> None:
-    # Own rows that no state and no reference can fulfil together with the limits are a mistake of their author.
+    # Own rows that conflict with the limits for every state and reference are an error of the user.
     from scipy.optimize import linprog  # noqa: PLC0415  (0.1 s, and only own rows need it)
 
     free = np.delete(rows_map, FIXED - 1, axis=1)
@@ -194,5 +194,5 @@ def _check_feasible(a: FloatArray, rows_map: FloatArray, own: OwnParts) -> None:
         raise SettingsError(f"{labels}: infeasible: no motion within the limits keeps these rows within +-1")
 
 
-# Two programs a joint for four controllers. Safe: a model is its own key and is not changed; a program is read-only.
+# Two programs a joint for four controllers. Safe: a model is hashed by identity and immutable; a program is read-only.
 condense = lru_cache(maxsize=16)(condensed)

@@ -1,4 +1,4 @@
-"""Model-predictive gaze: plan the neck's motion over the forecast, behind its dead time and within its limits."""
+"""Model-predictive control of the gaze, with dead-time compensation and within the limits of the neck."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gazempc.neck.spec import AXES, BODY_AXIS, EYE_AXES, NeckSpec
 from gazempc.settings import MpcSettings
 from gazempc.types import FloatArray
 
-# The plan reaches this far so that there is something to follow while the next one is late.
+# Length of a plan, seconds: more than a control period, to bridge a late successor.
 _PLAN_S = 0.4
 # Default of T. Unforeseen motion is followed with a delay of dead time, lag and about 1.4 T, so T is limited to a share
 # of dead time and lag: for the neck `reachy_mini` (0.12 s) T = 0.12 s has a fifth more error than 0.074 s before people
@@ -30,22 +30,22 @@ _PLAN_S = 0.4
 # exceeds 5 %.
 LONGEST_TIME_S, SHORTEST_TIME_S = 0.12, 0.07
 _SHARE_OF_DELAY = 0.62
-# The head of a neck with eyes: smooth, as the eyes make up for it.
+# T of the head of a neck with eyes, which compensate its lag.
 _HEAD_TIME_S = 0.35
 # Share of a control period that the solvers of both joints together may take.
 _SOLVERS_SHARE = 0.5
-# A slower joint of a camera rests.
+# Below this speed a joint of a camera counts as at rest.
 _MOVES_RAD_S = 0.01
 _DEFAULTS, _NO_FRAMING = MpcSettings(), Framing(subject="no")
 
 
 class Mpc:
-    """Optimises the command's jerk over a horizon that starts where the dead time ends.
+    """Optimises the command's jerk over a receding horizon that starts at the end of the dead time.
 
-    Dead time: the joint's motion is determined by commands already sent. The situation has the joint's state at its
-    end. After the dead time the forecast head positions give reference angles. A quadratic program a joint, stated in
-    `gazempc.controllers.mpc.problem`, finds the smoothest motion that follows them within the limits. For a joint
-    far off the person a second program, quicker and damped, takes over (`gazempc.controllers.mpc.acquisition`).
+    The commands already sent determine the joint's state at the end of the dead time. From there on the forecast head
+    positions give reference angles. One quadratic program a joint (`gazempc.controllers.mpc.problem`) computes a smooth
+    motion that tracks them within the limits. For a large tracking error a second program, faster and better damped,
+    takes over (`gazempc.controllers.mpc.acquisition`).
 
     Args:
         neck: The neck.
@@ -53,18 +53,18 @@ class Mpc:
         smoothing_time_s: T: gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
             followed; larger is smoother and less exact. None: 0.12, for a neck with less than 0.2 s of dead time and
             lag 0.62 of these, at least 0.07.
-        acquisition_time_s: T during acquisition of a person far off the gaze; not more than T is used.
-        head_smoothing_time_s: T of the head of a neck with eyes, which look where it does not point yet. None: 0.35, or
-            0.1 for a head that leaves a share to the eyes, which people turn as quickly as they can.
+        acquisition_time_s: T during acquisition of a person far off the gaze; at most `smoothing_time_s` is used.
+        head_smoothing_time_s: T of the head of a neck with eyes. None: 0.35, or 0.1 if the eyes have a share of the
+            angle, as people turn such a head at top speed.
         terms: Own costs: functions of `gazempc.controllers.mpc.problem.Trajectory` whose value, a convex quadratic
             scalar in rad^2 times control periods, is added to the cost of pan and of tilt; or such lists by the
             joint's name.
         rows: Own limits: functions whose values, linear and a column of any length, are kept within +-1 as soft rows;
             given as the terms.
-        framing: Keeps the head within a zone of the picture of a camera on the neck, with a horizon and a T of its own.
+        framing: Keeps the head within a zone of the picture of a camera on the neck, with a separate horizon and T.
 
     Raises:
-        SettingsError: If the horizon is shorter than two smoothing times: then its end shows in the gaze. If an own
+        SettingsError: If the horizon is shorter than two smoothing times: its end would affect the gaze. If an own
             part is not convex quadratic, not linear, infeasible, not finite, of the wrong shape or of other symbols.
 
     Attributes:
@@ -120,12 +120,11 @@ class Mpc:
         self._knots_s: FloatArray = period_s * np.arange(1.0, knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)
         self._acquisitions = [Acquisition(neck, i, smoothing_time_s) for i in range(len(AXES))]
-        # The first jerk acts from the last command before the plan on, so that the first command sent is
-        # already a new one; the joint answers one dead time later.
+        # The first jerk acts from the last command before the plan: it already changes the first command sent.
         self._times_s = models[0].times_s
         self._between_s = float(self._times_s[1] - self._times_s[0])
         self._length_s = float(self._times_s[-1] - self._times_s[0])
-        # References of both joints come from the same forecast where their dead times are equal.
+        # Both joints share the forecast if their dead times are equal.
         dead_times_s = neck.dead_time_s[:1] if neck.dead_time_s[0] == neck.dead_time_s[1] else neck.dead_time_s[:2]
         self._pan_ahead_s: FloatArray = neck.dead_time_s[0] + self._times_s
         self._head_ahead_s: FloatArray = np.concatenate([dead_s + self._times_s for dead_s in dead_times_s])
@@ -133,10 +132,10 @@ class Mpc:
         self.reset()
 
     def reset(self) -> None:
-        """Drop warm starts, the state of acquisition and of the zone; all else is in the situation."""
-        # Signs of the last motion of pan and tilt.
+        """Discard warm starts and the states of acquisition and zone."""
+        # Sign of the last velocity of pan and tilt.
         self._ways = [0.0] * len(AXES)
-        # Duration of the present excursion of the forecast from the zone; it decreases inside.
+        # Time for which the forecast has been outside of the zone; it decreases inside.
         self._outside_s = [0.0] * len(AXES)
         for acquisition in self._acquisitions:
             acquisition.reset()
@@ -144,10 +143,10 @@ class Mpc:
             ocp.reset()
 
     def forecast_times_s(self, start_s: float, newest_capture_s: float) -> FloatArray:
-        """End of each step of the horizon, one dead time late, shape (n,).
+        """End of each step of the horizon plus the dead time, shape (n,).
 
-        With dead times of their own for pan and tilt first those of pan, then those of tilt, shape (2 n,). The
-        times of the eyes follow, see `Chain.eye_times_s`.
+        With different dead times: first pan, then tilt, shape (2 n,). The times of the eyes follow, see
+        `Chain.eye_times_s`.
         """
         return np.concatenate([start_s + self._head_ahead_s, self._chain.eye_times_s(start_s)])
 
@@ -156,7 +155,7 @@ class Mpc:
         means_base_m, head_times = situation.forecast.means_base_m, self._head_ahead_s.size
         angles = self._chain.head_rad(situation, means_base_m[:head_times])
         if self.picture is not None:
-            # The mean rate over the plan: at its single steps a rate would be the noise of the forecast.
+            # Mean rate over the plan: the rate of a single step is dominated by forecast noise.
             angles = self.picture.aim_rad(angles, self._mean_rate(angles[: self._times_s.size, 0]))
         references = {name: angles[self._forecasts_of[name], i] for i, name in enumerate(AXES)}
         plans, body_rad = dict[str, JointPlan](), None
@@ -164,7 +163,7 @@ class Mpc:
             toward_rad = np.interp(self._knots_s, self._times_s, references["pan"])
             body_rad = self._chain.body.commands_rad(situation, toward_rad)
             references["pan"] -= self._chain.body.angles_rad(situation, body_rad, self._pan_ahead_s)
-            plans[BODY_AXIS] = self._led(body_rad)
+            plans[BODY_AXIS] = self._sampled(body_rad)
         quick = self._chain.eyes_held(situation).tolist() if situation.held else [False] * len(AXES)
         events, faults = list[str](), list[ControllerError]()
         for i, name in enumerate(AXES):
@@ -174,7 +173,7 @@ class Mpc:
         if self._chain.eyes is not None:
             others = [plans[name].position_rad[1:] for name in AXES] + ([] if body_rad is None else [body_rad])
             eyes_rad = self._chain.eyes.commands_rad(situation, means_base_m[head_times:], np.stack(others, axis=-1))
-            plans |= {name: self._led(each_rad) for name, each_rad in zip(EYE_AXES, eyes_rad.T, strict=True)}
+            plans |= {name: self._sampled(each_rad) for name, each_rad in zip(EYE_AXES, eyes_rad.T, strict=True)}
         start_s = situation.start_s - self.neck.servo_period_s
         plan = Plan.of_joints(
             start_s, self.neck.control_period_s, [plans[name] for name in self.neck.joint_names], tuple(events), faults
@@ -183,7 +182,7 @@ class Mpc:
         return replace(plan, events=plan.events + at_limit) if at_limit else plan
 
     def _solve(self, axis: int, situation: Situation, reference_rad: FloatArray, quick: bool) -> Solution:
-        # Plain numbers: arithmetic with numpy's takes several times as long.
+        # Python floats: NumPy scalars take several times as long.
         offset_rad, command = float(situation.joint_offset_rad[axis]), situation.command
         joint_rad = float(situation.settled_position_rad[axis]) - offset_rad
         joint_rad_s = float(situation.settled_velocity_rad_s[axis])
@@ -205,7 +204,7 @@ class Mpc:
         self, picture: FramedPicture, axis: int, situation: Situation, reference_rad: FloatArray, state: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         joint_rad, joint_rad_s = float(state[0]), float(state[1])
-        # Hysteresis: the side that a turn back would lead away from is wider.
+        # Hysteresis: the zone is wider on the side that a reversal would leave.
         if abs(joint_rad_s) > _MOVES_RAD_S:
             self._ways[axis] = math.copysign(1.0, joint_rad_s)
         forecast, of_axis = situation.forecast, self._forecasts_of[AXES[axis]]
@@ -218,7 +217,7 @@ class Mpc:
         seconds = self._outside_s[axis] + math.copysign(self.neck.control_period_s, outside - 0.5)
         longest_s = picture.excursion_s(delay_s)
         self._outside_s[axis] = min(max(seconds, 0.0), longest_s)
-        # A rate within one standard deviation of the forecast is none.
+        # A rate within one standard deviation of the forecast counts as zero.
         certain_rad_s = abs(turning_rad_s) - float(np.mean(deviation_rad)) / self._length_s
         waits_rad = picture.waits_rad(axis, max(certain_rad_s, 0.0), self._outside_s[axis] / longest_s)
         wider_rad = self._ways[axis] * picture.turns_back_rad(axis, delay_s, deviation_rad)
@@ -230,15 +229,15 @@ class Mpc:
         return float(angles_rad[-1] - angles_rad[0]) / self._length_s
 
     def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
-        # From the command before the plan on.
+        # First knot: the last command before the plan.
         now = situation.command
         before = now.position_rad, now.velocity_rad_s, now.acceleration_rad_s2
         pairs = zip(before, solution.command, strict=True)
         return JointPlan(*(np.append(each[axis], planned) for each, planned in pairs))
 
-    def _led(self, position_rad: FloatArray) -> JointPlan:
-        # Eyes and body begin on the way that they follow. A start at the present command
-        # would add a transient to slow eyes.
+    def _sampled(self, position_rad: FloatArray) -> JointPlan:
+        # Eyes and body start by linear extrapolation. A start at the present command would add a
+        # transient to slow eyes.
         position_rad = np.concatenate(([2.0 * position_rad[0] - position_rad[1]], position_rad))
         velocity_rad_s = slopes(position_rad[:, None], self.neck.control_period_s)[:, 0]
         return JointPlan(position_rad, velocity_rad_s, np.zeros_like(position_rad))

@@ -1,7 +1,7 @@
 """The program of one joint at run time: state feedback with preview while no limit binds, else DAQP.
 
 `gazempc.controllers.mpc.problem` states the problem, `gazempc.controllers.mpc.condense` makes its constant matrices.
-Should the solver give up, the motion without limits is the answer: the smoother keeps the limits.
+If the solver fails, the unconstrained optimum is returned: the smoother enforces the limits.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from gazempc.controllers.mpc.problem import PLAIN_DAMPING, Tuning
 from gazempc.controllers.mpc.qp import ITERATIONS, Daqp
 from gazempc.types import FloatArray
 
-# Relative feasibility tolerance of the gain, whose error is rounding, and of a solver's answer.
+# Relative feasibility tolerance of the unconstrained optimum and of a solver's answer.
 _ROUNDING = 1e-9
 _SOFTENED = 1e-5
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The best motion of one joint's command.
+    """The optimal motion of one joint's command.
 
     Attributes:
         scaled_jerk: Jerk in each step, as a share of `AxisModel.jerk_scale`, shape (n,).
         command: Position, velocity and acceleration at the end of each of the first K control periods, shape (3, K),
             rad, rad/s, rad/s^2.
-        softened: By how much a limit of position, velocity or acceleration is left at most, as a share of that limit; 0
-            if all are kept.
-        own_softened: The own parts with a row outside +-1.
-        solver: ``gain`` where no limit binds, ``daqp`` where one does; ``none`` if the solver gave up, and the motion
-            is the best one without limits.
+        softened: Largest violation of a limit of position, velocity or acceleration, as a share of that limit; 0 if
+            feasible.
+        own_softened: Names of the own parts with a row outside +-1.
+        solver: ``gain`` if no limit is active, else ``daqp``; ``none`` if the solver failed, and the motion is the
+            unconstrained optimum.
     """
 
     scaled_jerk: FloatArray
@@ -51,10 +51,10 @@ class AxisOcp:
 
     Args:
         model: The joint over the horizon.
-        smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed away rather than followed.
-        damping: zeta of the way to a reference that has jumped, not below `PLAIN_DAMPING`.
-        bounded: True for a joint that is given angles that it is not to pass, see `solve`.
-        iterations: Most iterations of the solver, which bound its time.
+        smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed rather than tracked.
+        damping: Damping ratio zeta of the step response, not below `PLAIN_DAMPING`.
+        bounded: Whether `solve` takes bounds of the joint angle.
+        iterations: Iteration limit of the solver, which bounds its time.
         own: Own costs and rows.
         zone: True for bounds that are a zone in which the joint comes to rest, in place of the reference.
 
@@ -80,7 +80,7 @@ class AxisOcp:
         self.model, self.own = model, own
         tuning = Tuning(smoothing_time_s, damping, zone)
         self._unit_rad = tuning.passing_unit_rad
-        # Own functions may close over values that change: their programs are not shared.
+        # Own functions may be closures over mutable values: their programs are not cached.
         self.program = (condensed if own else condense)(model, tuning, bounded, own)
         self._n, self._rows = model.lengths.size, len(self.program.rows_map)
         # Jerks, limits and own rows lie within +-1; the rows after them have bounds of their own.
@@ -89,7 +89,7 @@ class AxisOcp:
         self._solver: Daqp | None = None
 
     def reset(self) -> None:
-        """Forget earlier programs."""
+        """Discard the warm start."""
         if self._solver is not None:
             self._solver.reset()
 
@@ -114,7 +114,7 @@ class AxisOcp:
         return self.program.cost_map @ parameters, lower, upper
 
     def command(self, state: FloatArray, scaled_jerk: FloatArray) -> FloatArray:
-        """Position, velocity and acceleration of the command, shape (3, K), that jerks make of a state."""
+        """Position, velocity and acceleration of the command, shape (3, K), from a state and jerks."""
         knots: FloatArray = self.model.knots @ np.concatenate([state, (1.0,), scaled_jerk])
         return knots.reshape(3, -1)
 
@@ -127,10 +127,10 @@ class AxisOcp:
             state: [q, q', u, u', u'']: joint one dead time from now, command now; shape (5,), SI units.
             reference_rad: Angles that look at the forecast head at the ends of the steps, shape (n,), radians.
             not_past_rad: If bounded, the joint's least and greatest angles at the ends of the steps, shape (n,) each,
-                radians; passing them is dear, yet cheaper than leaving a limit.
+                radians: soft constraints with a lower price than the limits.
 
         Returns:
-            The best motion.
+            The optimal motion.
 
         Raises:
             SolverFailed: If an argument is not finite.
@@ -156,10 +156,10 @@ class AxisOcp:
         within = self._within
         rows = np.abs((self.program.data.a @ jerk)[:within] + 1.0 - upper[:within])
         left = float(np.maximum.reduce(rows[: 3 * n])) - 1.0
-        own = self._left(rows[3 * n :]) if self.program.own_rows else ()
+        own = self._violated(rows[3 * n :]) if self.program.own_rows else ()
         return Solution(jerk, self.command(state, jerk), left if left > _SOFTENED else 0.0, "daqp", own)
 
-    def _left(self, rows: FloatArray) -> tuple[str, ...]:
+    def _violated(self, rows: FloatArray) -> tuple[str, ...]:
         ends = np.cumsum([count for _, count in self.program.own_rows])
         outside = [part.max() > 1.0 + _SOFTENED for part in np.split(rows, ends[:-1])]
         return tuple(label for (label, _), left in zip(self.program.own_rows, outside, strict=True) if left)

@@ -34,7 +34,7 @@ class Own(NamedTuple):
 
     Attributes:
         label: Its name in messages, such as ``mpc.terms[0] (calm)``.
-        make: The function of the trajectory.
+        make: The function of `Trajectory`.
     """
 
     label: str
@@ -126,7 +126,7 @@ def _expression(part: Own, o: Trajectory) -> Any:
         raise SettingsError(
             f"{part.label} returned {type(value).__name__}; needed is a casadi.SX expression in the symbols of o"
         ) from None
-    # By identity: a symbol of the user's own may have the name of one of ours.
+    # By identity: a symbol made by the user may have the name of one in `Trajectory`.
     known = {each.element_hash() for each in ca.symvar(_motion(o))}
     foreign = [str(each) for each in ca.symvar(value) if each.element_hash() not in known]
     if foreign:
@@ -144,7 +144,7 @@ def _checked_term(term: Own, o: Trajectory) -> Any:
         raise SettingsError(f"{term.label} has shape {value.shape}; needed is a scalar, such as casadi.sumsqr(o.du)")
     curvature, slope, constant = _coefficients(term, "quadratic", ca.quadratic_coeff, value, y)
     _compare(term, "quadratic", value, y, lambda x: 0.5 * x @ curvature @ x + slope[:, 0] @ x + constant[0])
-    # The reference is given: only the motion can be chosen.
+    # The reference is a parameter; the decision variables are the motion.
     given = o.r.shape[0]
     if not (curvature[:-given].any() or slope[:-given].any()):
         raise SettingsError(f"{term.label} does not depend on the motion")
@@ -178,7 +178,7 @@ def _coefficients(part: Own, what: str, find: Callable[[Any, Any, bool], Any], v
 
 
 def _compare(part: Own, what: str, value: Any, y: Any, by_coefficients: Callable[[Any], Any]) -> None:
-    # |x| and the like have derivatives without symbols, too: the expression itself is compared.
+    # Piecewise functions such as |x| also have constant derivatives: compare values of the expression.
     function, rng = ca.Function("own", [y], [value]), np.random.default_rng(0)
     for size in _SIZES:
         x = size * rng.uniform(-1.0, 1.0, y.shape[0])
@@ -190,7 +190,7 @@ def _compare(part: Own, what: str, value: Any, y: Any, by_coefficients: Callable
 
 
 def array_of(constants: Any) -> FloatArray:
-    """A CasADi matrix of numbers as an array, by its non-zeros: CasADi's own conversion takes a millisecond."""
+    """A numeric CasADi matrix as an array, by its non-zeros: CasADi's own conversion takes a millisecond."""
     matrix = ca.DM(constants)
     array = np.zeros(matrix.shape)
     array[matrix.sparsity().get_triplet()] = matrix.nonzeros()

@@ -1,15 +1,15 @@
-"""The optimal control problem of one joint, stated once. The page *Controllers* has its formula and the reasons.
+"""The optimal control problem of one joint. The page *Controllers* derives it.
 
 The state is z = [q, v, u, du, ddu]: joint angle and velocity; command, its velocity and acceleration. The input is the
 command's jerk j, constant over each of n steps (move blocking). A command acts on the joint one dead time after it is
-sent, so joint and reference are taken one dead time later than the command: q_k is the angle at t_k + dead time, and
-r_k looks at the head that is forecast for then. The initial state z_0 has the joint at t_0 + dead time, which the
-commands already sent determine (`gazempc.neck.ahead`), and the last command before the plan.
+sent, so joint and reference are shifted by the dead time: q_k is the angle at t_k + dead time, r_k the look-at angle of
+the head position forecast for that time. The initial state z_0 is the joint state at t_0 + dead time, predicted from
+the commands already sent (`gazempc.neck.ahead`), and the last command before the plan.
 
     minimise    sum_k w_k ((q_k - r_k)^2 + d T^2 (v_k - dr_k)^2 + T^4 a_k^2) + T_j^6 sum_k h_k j_k^2 + rho sum(s)
     subject to  z_k+1 = servo(z_k, j_k),   |j_k| <= j_max,   |row| <= 1 + s for each row of `limits`,   s >= 0
 
-With a zone in place of a point, e_k is how far q_k is outside of it, and the joint comes to rest inside:
+With a zone in place of a point, e_k is the distance of q_k from it, and the joint comes to rest inside:
 
     minimise    sum_k w_k (e_k^2 + d T^2 v_k^2 + T^4 a_k^2) + T_j^6 sum_k h_k j_k^2 + rho sum(s)
     subject to  ...,   low_k - e_k <= q_k <= high_k + e_k
@@ -28,24 +28,24 @@ from gazempc.neck.servo import servo_model, zero_order_hold
 from gazempc.neck.spec import NeckSpec
 
 STATE = ("q", "v", "u", "du", "ddu")
-# T_j, seconds: weight of the command's jerk. Jerk that the joint would hardly show is not worth its cost.
+# T_j, seconds: weight of the command's jerk, which suppresses jerk above the bandwidth of the joint.
 JERK_TIME_S = 0.025
-# rho, rad^2 for a slack of one limit: an exact penalty, dearer than the gaze error that leaving a limit could save.
+# rho, rad^2 for a slack of one limit: an exact penalty, larger than any gaze error that a violation could save.
 SLACK_PRICE_RAD2 = 300.0
 # The unit of the bounds of acquisition: in so large a unit, each limit of the neck takes precedence over them.
 PASSING_UNIT_RAD = 150.0
 # Share of the limits that a plan uses, with room for rounding in the smoother.
 SHARE_OF_LIMITS = 1.0 - 1e-6
-# Natural frequency times servo period. The command is held between servo ticks, so a joint above this value
-# accelerates in pulses, and the mean over a servo period is what counts. For slower joints both are nearly equal.
+# Natural frequency times servo period. Under the zero-order hold a joint above this value accelerates in pulses, so its
+# cost is on the mean over a servo period. For slower joints both are nearly equal.
 FAST = 0.15
-# Damping ratio at which d is zero: the response to a jump if only error and acceleration have a cost.
+# Damping ratio at which d is zero: the step response if only error and acceleration have a cost.
 PLAIN_DAMPING = math.sqrt(0.5)
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """T, `smoothing_time_s`, seconds, and the damping ratio zeta of the response to a jump of the reference.
+    """T, `smoothing_time_s`, seconds, and the damping ratio zeta of the step response.
 
     With `zone`, the bounds of `passing` are a zone in which the joint comes to rest, in place of the point r.
     """
@@ -70,13 +70,13 @@ class Trajectory:
 
     Args:
         neck: The neck.
-        index: Place of the joint among the neck's.
+        index: Index of the joint in `NeckSpec.joint_names`.
         lengths: Length of each step, control periods.
 
     Attributes:
         joint: Name of the joint, such as ``pan``.
         q, v, a: Joint angle, velocity and acceleration one dead time after t_k: rad, rad/s, rad/s^2. The angle is
-            without the joint's steady error. The acceleration of a fast joint is the mean over a servo period.
+            without the joint's steady-state error. The acceleration of a fast joint is the mean over a servo period.
         u, du, ddu: Command, its velocity and its acceleration at t_k: rad, rad/s, rad/s^2.
         j: Jerk of the command during step k, rad/s^3.
         r, dr: Reference angle one dead time after t_k, rad, and its central differences, rad/s.
@@ -98,7 +98,7 @@ class Trajectory:
 
 
 def servo(neck: NeckSpec, index: int, z: Any, j: Any) -> tuple[Any, Any]:
-    """The dynamics over one servo period, in which the servo holds the command: z+ and the joint's acceleration a."""
+    """The dynamics over one servo period with zero-order hold: z+ and the joint's acceleration a."""
     h, axis = neck.servo_period_s, neck.axes[index]
     q, v, u, du, ddu = ca.vertsplit(z)
     u, du, ddu = u + h * du + h**2 / 2 * ddu + h**3 / 6 * j, du + h * ddu + h**2 / 2 * j, ddu + h * j
@@ -111,7 +111,7 @@ def servo(neck: NeckSpec, index: int, z: Any, j: Any) -> tuple[Any, Any]:
 
 
 def acceleration(neck: NeckSpec, index: int, q: Any, v: Any, u: Any) -> Any:
-    """The joint's acceleration behind its dead time: wn^2 (u - q) - 2 zeta wn v."""
+    """The joint's acceleration after its dead time: wn^2 (u - q) - 2 zeta wn v."""
     return ca.mtimes(ca.DM(servo_model(neck.axes[index])[1:]), ca.vertcat(q, v, u))
 
 
@@ -131,10 +131,10 @@ def jerk_max_rad_s3(neck: NeckSpec, index: int) -> float:
 
 
 def limits(o: Trajectory, neck: NeckSpec, index: int) -> Any:
-    """Limits of the command as shares of themselves, shape (3 n, 1), soft within +-1: position, velocity, acceleration.
+    """Normalised limits of the command, shape (3 n, 1), soft within +-1: position, velocity, acceleration.
 
-    Over a step the velocity is a parabola within its three control points. du_k + ddu_k h_k+1 / 2 is the middle one of
-    step k + 1, and du_k lies between two middle ones: so the velocity keeps its limit between the ends of the steps.
+    Over a step the velocity is a parabola in the convex hull of its three Bezier control points. du_k + ddu_k h_k+1 / 2
+    is the middle one of step k + 1, and du_k lies between two middle ones: the limit holds between the ends of steps.
     """
     most, next_s = neck.command_limits, neck.control_period_s * ca.vertcat(o.h[1:], o.h[-1])
     low, high = most.position_min_rad[index], most.position_max_rad[index]
@@ -146,5 +146,5 @@ def limits(o: Trajectory, neck: NeckSpec, index: int) -> Any:
 
 
 def passing(o: Trajectory, tuning: Tuning) -> Any:
-    """Joint angles, soft within bounds: of acquisition (`gazempc.controllers.mpc.acquisition`) or the zone, (n, 1)."""
+    """Normalised joint angles, shape (n, 1), softly bounded: `gazempc.controllers.mpc.acquisition`, or the zone."""
     return o.q / tuning.passing_unit_rad

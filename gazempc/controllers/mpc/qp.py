@@ -1,11 +1,10 @@
-"""The solver of one small quadratic program whose matrices never change.
+"""The solver of a small quadratic program with constant matrices.
 
     minimise    1/2 x' H x + g' x + rho sum(s)
     subject to  -1 <= x <= 1,   lower - s <= A x <= upper + s,   s >= 0
 
-H and A are given once, g and the bounds with every call. The soft rows have an exact penalty: each violation s costs
-rho per unit, which is dearer than anything it could save, so s is zero wherever that is possible. The last rows may
-have a quadratic price instead.
+H and A are constant, g and the bounds vary. The soft rows have an exact penalty rho per unit of violation, so s is zero
+whenever the program is feasible. The last rows may have a quadratic penalty instead.
 """
 
 from __future__ import annotations
@@ -20,32 +19,32 @@ from gazempc.types import FloatArray
 # DAQP's codes: `exitflag` and the constraints' `sense`.
 _DAQP_SOLVED = (1, 2)
 _DAQP_SOFT = 8
-# DAQP's penalty has a slope, which makes it exact, and a curvature whose reciprocal this is: large for hardly any.
+# Reciprocal of the curvature of DAQP's penalty, whose linear part makes it exact: large for a negligible curvature.
 _DAQP_RHO = 100.0
 # Feasibility tolerance of the hard bounds: a larger violation is a failure, a smaller one is clipped.
 _BOUND_TOLERANCE = 1e-2
-# Bound of the active-set changes, far above those of a program of 16 steps.
+# Iteration limit, far above the iterations of a program of 16 steps.
 ITERATIONS = 1000
-# Iterations bound the time, equally on any processor. The clock ends a hanging one only.
+# Time limit, only for a solver that hangs: the iteration limit is independent of the processor.
 _MOST_S = 0.5
-# Time of one iteration, with n variables: (this + n^2 times the other), see docs/benchmarks.md.
+# Time of one iteration with n variables: the first plus n^2 times the second, see docs/benchmarks.md.
 _ITERATION_S, _ITERATION_S_PER_SQUARE = 1e-6, 6e-9
 
 
 def iterations_within(time_s: float, variables: int) -> int:
-    """How many iterations take a time, seconds, on an ordinary processor; the same on any, so that answers are, too."""
+    """Iterations within a time, seconds, on a reference processor: solutions do not depend on the processor in use."""
     return max(1, min(ITERATIONS, int(time_s / (_ITERATION_S + _ITERATION_S_PER_SQUARE * variables**2))))
 
 
 @dataclass(frozen=True)
 class QpData:
-    """The part of the program that stays; see the module for the notation.
+    """The constant part of the program; see the module for the notation.
 
     Attributes:
         h: Hessian, positive definite, shape (n, n).
         a: Soft rows, shape (m, n).
         penalty: rho, cost of one unit of violation of one row.
-        curvatures: Of the last rows, whose price is half of it times s^2, shape (k,).
+        curvatures: Quadratic penalty of the last rows: curvature s^2 / 2, shape (k,).
     """
 
     h: FloatArray
@@ -59,13 +58,13 @@ class Daqp:
 
     Args:
         data: The program.
-        iteration_limit: Active-set changes after which it is stopped, see `iterations_within`.
+        iteration_limit: Iteration limit, see `iterations_within`.
     """
 
     def __init__(self, data: QpData, iteration_limit: int = ITERATIONS) -> None:
         n, rows = data.h.shape[0], data.a.shape[0]
         self._variables = n
-        # With a diagonal of ones the Hessian of a long horizon is still well-conditioned enough for DAQP.
+        # Diagonal scaling: a Hessian with unit diagonal is well-conditioned enough for DAQP, also for a long horizon.
         self._scale: FloatArray = 1.0 / np.sqrt(np.diag(data.h))
         bound = np.concatenate([1.0 / self._scale, np.ones(rows)])
         self._upper, self._lower = bound.copy(), -bound
@@ -80,7 +79,7 @@ class Daqp:
         self._model.soft_weights(w_l=slope, w_u=slope, rho_l=curvature, rho_u=curvature)
 
     def reset(self) -> None:
-        """Drop the warm start: the next answer does not depend on earlier programs, to the last bit."""
+        """Discard the warm start: the next solution does not depend on earlier programs, to the last bit."""
         self._model.update(sense=self._sense)
 
     def solve(self, g: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
@@ -92,7 +91,7 @@ class Daqp:
             upper: Upper bounds, shape (m,).
 
         Returns:
-            The answer, shape (n,); None if it was stopped or failed.
+            The solution, shape (n,); None after the iteration limit or a failure.
         """
         self._upper[self._variables :] = upper
         self._lower[self._variables :] = lower
@@ -101,6 +100,6 @@ class Daqp:
         x: FloatArray = scaled * self._scale
         if flag in _DAQP_SOLVED and np.abs(x).max() <= 1.0 + _BOUND_TOLERANCE:  # False for NaN
             return x
-        # What led there is no start for the next call.
+        # The active set of a failure is no warm start.
         self.reset()
         return None

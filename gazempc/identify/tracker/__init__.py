@@ -1,1 +1,1 @@
-"""Errors of a tracker, measured from a recording of it. May import gazempc.live."""
+"""Error model of a tracker, estimated from a recording. May import gazempc.live."""

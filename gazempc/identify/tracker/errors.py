@@ -25,12 +25,12 @@ _HIDDEN = -0.375
 _LONGEST_S, _LAGS, _TIMES = 4.0, 16, 30
 # Of the jackknife.
 _BLOCKS = 10
-# Without wander its estimated variance is larger than this, times white² / √N, in 1 to 5 % of tracks of N values.
+# Significance threshold of the wander's variance, times white² / √N: 1 to 5 % false positives for N values.
 _SEEN = 6.0
-# A wander is known from this many of its correlation times on.
+# Least duration of the data, in correlation times of the wander.
 _CORRELATIONS = 8.0
-# A jump is off the median over this time by so many standard deviations. Its first step, and how far off each of its
-# frames is, are at least this share of its size. A person starts to move more slowly.
+# Detection of jumps: window of the median, threshold in standard deviations, and least share of the jump's size in its
+# first step and in each of its frames. A person starts to move more slowly.
 _MEDIAN_S, _GATE, _STEP_SHARE = 3.0, 5.0, 0.5
 # Standard deviation of a normal distribution over its median absolute deviation.
 _NORMAL = 1.4826
@@ -38,16 +38,16 @@ _NORMAL = 1.4826
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of some axes that have them alike, in the unit of their values, with 95 % intervals.
+    """Errors of axes with equal statistics, in the unit of their values, with 95 % intervals.
 
     Attributes:
-        white: Standard deviation of the error that is independent from frame to frame.
-        wander: Standard deviation of the error with a correlation time; None where it is not known.
-        correlation_s: That time, seconds; None likewise.
-        wander_is: `known`; `none`: the data show none, or no more than a person's sway; `unknown`: the person moved, or
-            it is too slow for the recording.
-        hidden: Whether `white` is an upper bound: motion hides it, or the tracker smooths it away.
-        used_s: Seconds that were used.
+        white: Standard deviation of the white error.
+        wander: Standard deviation of the correlated error; None if unknown.
+        correlation_s: Its correlation time, seconds; None if unknown.
+        wander_is: `known`; `none`: not significant, or within a person's sway; `unknown`: the person moved, or the
+            correlation time is too long for the recording.
+        hidden: Whether `white` is an upper bound: masked by motion, or filtered by the tracker.
+        used_s: Duration of the data, seconds.
     """
 
     white: Interval
@@ -60,10 +60,10 @@ class Errors:
 
 @dataclass(frozen=True)
 class Jumps:
-    """Jumps of a track: runs of frames that step off its median.
+    """Jumps of a track: runs of frames off its running median.
 
     Attributes:
-        durations_s: Of each, shape (K,), seconds; 0 for a single frame.
+        durations_s: Durations, shape (K,), seconds; 0 for a single frame.
         sizes: Root mean square of each on each axis, in the unit of the values, shape (K, A).
     """
 
@@ -72,7 +72,7 @@ class Jumps:
 
 
 def runs(flags: BoolArray) -> IntArray:
-    """First and one past the last frame of each run of true flags.
+    """Index of the first frame, and one past the last, of each run of true flags.
 
     Args:
         flags: Shape (N,).
@@ -94,10 +94,10 @@ def find_jumps(times_s: FloatArray, values: FloatArray, wanted: BoolArray) -> tu
     Args:
         times_s: Shape (N,), seconds.
         values: Shape (N, A).
-        wanted: Frames to judge, shape (N,).
+        wanted: Mask of the frames to test, shape (N,).
 
     Returns:
-        The wanted frames without those of jumps, shape (N,); and the jumps.
+        Mask of the tested frames without jumps, shape (N,); and the jumps.
     """
     window = 2 * int(0.5 * _MEDIAN_S / np.median(np.diff(times_s))) + 1
     aside = values - median_filter(values, (window, 1), mode="nearest")
@@ -117,16 +117,16 @@ def find_jumps(times_s: FloatArray, values: FloatArray, wanted: BoolArray) -> tu
 
 
 def measure_errors(times_s: FloatArray, values: FloatArray, used: BoolArray, still: bool, sway: float = 0.0) -> Errors:
-    """Measure the white error and, of a person who is still, the wander.
+    """Estimate the white error and, for a person at rest, the wander.
 
-    The intervals are by a jackknife: a tenth of the time is left out, ten times.
+    The intervals are by a block jackknife with ten blocks.
 
     Args:
         times_s: Shape (N,), seconds.
-        values: On the axes that have their errors alike, shape (N, A).
-        used: Frames that count, shape (N,).
-        still: Whether the person is still in these frames; else the wander is not measured.
-        sway: A smaller wander is the person's.
+        values: Values of axes with equal error statistics, shape (N, A).
+        used: Mask of the frames to use, shape (N,).
+        still: Whether the person is at rest in these frames; else the wander is not estimated.
+        sway: Standard deviation of a person's sway: lower bound of the wander.
 
     Returns:
         The errors.
@@ -147,7 +147,7 @@ def measure_errors(times_s: FloatArray, values: FloatArray, used: BoolArray, sti
     seen = wander.value > max(sway, np.sqrt(_SEEN / np.sqrt(used.sum() * values.shape[1])) * white.value)
     known = seen and used_s >= _CORRELATIONS * correlation_s.value
     if not known:
-        # Smooth sway of a person is no part of the third differences.
+        # Third differences suppress the smooth sway of a person.
         white, *_ = _jackknife(squares[:1], at_s[:1], period_s)
     beside = whole[1:] & whole[:-1]
     alike = float((thirds[1:] * thirds[:-1])[beside].sum()) > _HIDDEN * float((thirds[1:][beside] ** 2).sum())
@@ -195,7 +195,7 @@ def _white_and_wander(squares: FloatArray, counts: FloatArray, lags_s: FloatArra
         return np.array([np.sqrt(third), 0.0, 0.0])
     tried_s = np.geomspace(2.0 * period_s, lags_s[-1], _TIMES)
     decay = np.exp(-period_s / tried_s)
-    # What a wander of variance 1 adds to the third differences, and to the variogram beyond that.
+    # Contributions of a wander of unit variance to the third differences and to the variogram.
     in_third = (20.0 - 30.0 * decay + 12.0 * decay**2 - 2.0 * decay**3) / _THIRD
     shape = 1.0 - np.exp(-lags_s / tried_s[:, None]) - in_third[:, None]
     weight = counts[1:] / np.maximum(variogram, 1e-30) ** 2

@@ -1,4 +1,4 @@
-"""All errors of a tracker from one track: white error, wander, jumps, yaws, times and latency."""
+"""Estimation of a tracker's errors from one track: white error, wander, jumps, yaws, times and latency."""
 
 from __future__ import annotations
 
@@ -12,21 +12,20 @@ from gazempc.identify.tracker.read import HeadTrack
 from gazempc.identify.tracker.timing import FrameTimes, frame_times
 from gazempc.types import BoolArray, FloatArray
 
-# A person within these limits for this long stands or sits still. A wander of 30 mm across the line of sight, or of
-# 5 % of the range, stays within them, too.
+# Window and limits for a person at rest; wider than a wander of 30 mm across the line of sight, or of 5 % of the range.
 _STILL_S = 4.0
 _ACROSS_M, _ALONG_SHARE, _ALONG_M = 0.12, 0.2, 0.3
 _YAW_RAD = np.deg2rad(40.0)
 _SMOOTH_S = 0.7
-# A shorter time is too short to estimate a wander of one second.
+# Least time at rest for the estimation of a wander of one second.
 _STILL_MIN_S = 8.0
-# Heads of people who stand sway by 5 to 10 mm (s.d.; assumed): less is no error of a tracker.
+# Postural sway of heads, 5 to 10 mm (s.d.; assumed): not an error of the tracker.
 _SWAY_M = 0.01
-# A shorter delay comes from the recorder. A longer one means that the clocks differ.
+# Bounds of a plausible delay: a shorter one is due to the recorder, a longer one to different clocks.
 _DELAY_MIN_S, _DELAY_MAX_S = 0.005, 5.0
-# A jump counts as across the line of sight if its size there is beyond this share of its size along it.
+# Least ratio of the sizes across and along the line of sight for a jump across it.
 _SIDEWAYS = 0.3
-# A yaw that turns by more than this from frame to frame was flipped, not turned.
+# Threshold of the yaw change between frames for a flip.
 _FLIP_RAD = np.deg2rad(150.0)
 
 
@@ -41,9 +40,9 @@ class TrackerErrors:
         jumps: Jumps of the track; sizes are shares of the range and radians.
         still_s: Seconds in which the person stood or sat still.
         range_m: Least, median and largest range, shape (3,), metres.
-        head_yaw: None where it is not known.
-        pelvis_yaw: None where it is not known.
-        delay_s: Median from stamp to arrival, seconds; None where unknown.
+        head_yaw: Error of the yaw; None if unknown.
+        pelvis_yaw: Error of the yaw; None if unknown.
+        delay_s: Median from stamp to arrival, seconds; None if unknown.
     """
 
     frames: FrameTimes
@@ -63,23 +62,23 @@ class TrackerErrors:
 
     @property
     def moved(self) -> bool:
-        """Whether the person moved too much to separate the tracker's wander from the motion."""
+        """Whether the wander is not identifiable because of the person's motion."""
         return self.still_s < _STILL_MIN_S
 
     @property
     def latency_s(self) -> float | None:
-        """Latency, as far as it is measured: a shorter delay is that of the recorder alone."""
+        """Measured latency, seconds; None if the delay is implausible as latency."""
         return self.delay_s if self.delay_s is not None and _DELAY_MIN_S < self.delay_s < _DELAY_MAX_S else None
 
     @property
     def jump_sizes_m(self) -> tuple[FloatArray, FloatArray]:
-        """How far each jump goes along and across the line of sight, each of shape (K,), metres."""
+        """Sizes of the jumps along and across the line of sight, each of shape (K,), metres."""
         sizes_m = self.jumps.sizes * self.range_m[1]
         return sizes_m[:, 0], np.hypot(sizes_m[:, 1], sizes_m[:, 2])
 
     @property
     def jumps_across(self) -> bool:
-        """Whether jumps go across the line of sight as well as along it, farther than a person sways."""
+        """Whether jumps have a component across the line of sight, larger than a person's sway."""
         along_m, across_m = self.jump_sizes_m
         return bool(along_m.size and np.median(across_m) > max(_SWAY_M, _SIDEWAYS * np.median(along_m)))
 
@@ -118,16 +117,16 @@ def measure_tracker(track: HeadTrack) -> TrackerErrors:
 
 
 def _along_and_across(position_m: FloatArray) -> FloatArray:
-    """Logarithm of the range, whose small changes are shares of it, and both angles of the bearing, shape (N, 3)."""
+    """Logarithm of the range (changes are relative), and both angles of the bearing, shape (N, 3)."""
     x, y, z = position_m.T
     up = np.arctan2(z, np.hypot(x, y))
-    # A change of azimuth is a smaller angle at the sensor if the elevation is large.
+    # Great-circle angle of an azimuth change: times the cosine of the elevation.
     left = np.unwrap(np.arctan2(y, x)) * np.cos(np.median(up))
     return np.stack([np.log(np.linalg.norm(position_m, axis=1)), left, up], axis=1)
 
 
 def _stays(times_s: FloatArray, values: FloatArray, limits: FloatArray) -> BoolArray:
-    """Frames in a window of 4 s in which no value travels farther than its limit."""
+    """Mask of the frames in a window of 4 s in which the range of each value is within its limit."""
     period_s = float(np.median(np.diff(times_s)))
     grid_s = np.arange(times_s[0], times_s[-1] + 0.5 * period_s, period_s)
     window, smooth = (max(1, round(length_s / period_s)) for length_s in (_STILL_S, _SMOOTH_S))
@@ -137,7 +136,7 @@ def _stays(times_s: FloatArray, values: FloatArray, limits: FloatArray) -> BoolA
     for column, limit in zip(values.T, limits, strict=True):
         path = uniform_filter1d(np.interp(grid_s, times_s, column), smooth, mode="nearest")
         quiet &= maximum_filter1d(path, window) - minimum_filter1d(path, window) < limit
-    # Windows at the ends contain less than their length.
+    # Incomplete windows at the ends.
     quiet[: window // 2] = quiet[window // 2]
     quiet[-(window // 2) :] = quiet[-(window // 2) - 1]
     around = maximum_filter1d(quiet.astype(np.uint8), window // 2) > 0

@@ -19,7 +19,7 @@ from gazempc.recordings.readers.table import TABLES
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
-# Some lines are cut off when a recording ends; more than this share is another format.
+# Tolerated share of invalid lines (truncated at the end of a recording); beyond it the format is wrong.
 _BAD_LINES = 0.1
 
 
@@ -28,12 +28,12 @@ class HeadTrack:
     """The track of one person. The sensor is at the origin (x forward, y left, z up).
 
     Attributes:
-        person: The tracker's name of the person, or the file's.
+        person: Name of the person from the tracker or the file.
         times_s: Capture times, shape (N,), seconds, strictly increasing.
         position_m: Of the head, shape (N, 3), metres.
-        head_yaw_rad: Shape (N,); NaN where not known.
-        pelvis_yaw_rad: Shape (N,); NaN where not known.
-        delays_s: From the stamp to arrival, shape (N,), seconds; None where unknown.
+        head_yaw_rad: Shape (N,); NaN if unknown.
+        pelvis_yaw_rad: Shape (N,); NaN if unknown.
+        delays_s: Delay from stamp to arrival, shape (N,), seconds; None if unknown.
         notes: Omissions and decisions of the reader.
     """
 
@@ -47,11 +47,11 @@ class HeadTrack:
 
 
 def of_recording(path: Path, person: str | None = None) -> HeadTrack:
-    """The track of a recording; of a tracker, what it measured.
+    """The measured track of a recording.
 
     Args:
-        path: The recording, its origin the sensor.
-        person: Which of several people; None: who is seen longest.
+        path: The recording, with the sensor at the origin.
+        person: Name of the person; None for the one with the longest track.
 
     Returns:
         The track.
@@ -77,14 +77,14 @@ def of_lines(path: Path, person: str | None = None) -> HeadTrack:
     """The track of one person in lines of JSON.
 
     Args:
-        path: File with a line an observation, in the order of arrival.
-        person: The tracker's name of the person; None: who has most lines.
+        path: File with one observation a line, in order of arrival.
+        person: The tracker's name of the person; None for the one with the most lines.
 
     Returns:
         The track.
 
     Raises:
-        RecordingError: If more than one line in ten is no observation; names the first.
+        RecordingError: If more than one line in ten is invalid; names the first one.
         SettingsError: If there is no such person.
     """
     found: dict[str, list[HeadObservation]] = defaultdict(list)
@@ -138,11 +138,11 @@ _ACCEPTED = (
     "lines of JSON as a live source takes them "
     f"({', '.join(_LINES)}); or the folder of a ROS 2 bag"
 )
-# Fewer repeats are chance, of coordinates with few digits.
+# Share of repeated frames above which they are removed; fewer occur with coordinates of few digits.
 _REPEATED = 0.1
-# No camera sees a head nearer than this. If a head is nearer, the origin is not the sensor.
+# Least range of a head; if it is less, the origin is not the sensor.
 _LEAST_RANGE_M = 0.1
-# With less data no error can be estimated.
+# Least data for the estimation of errors.
 _MIN_FRAMES, _MIN_DURATION_S = 60, 3.0
 
 
@@ -184,7 +184,7 @@ def _check(path: Path, track: HeadTrack) -> None:
 
 
 def _without_repeats(track: HeadTrack) -> HeadTrack:
-    """The track without repeated frames: a tracker may publish faster than it measures."""
+    """The track without repeated frames, from a tracker that publishes at a higher rate than it measures."""
     new = np.concatenate([[True], (np.diff(track.position_m, axis=0) != 0.0).any(axis=1)])
     if new.mean() > 1.0 - _REPEATED:
         return track

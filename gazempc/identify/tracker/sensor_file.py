@@ -97,11 +97,11 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     """Write the measured errors as a sensor file.
 
     Args:
-        errors: Of the tracker.
+        errors: Errors of the tracker.
         track: The measured track.
-        name: Of the new sensor.
-        origin: File that was read.
-        day: When.
+        name: Name of the new sensor.
+        origin: The recording's file.
+        day: Date of the measurement.
 
     Returns:
         TOML that `gazempc.sim.sensor.load_sensor` reads.
@@ -132,7 +132,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     if frames.gaps_s.size:
         values["loss"] = _bursts(frames.gap_interval_s, frames.gaps_s, (0.0, 1.0))
     if not frames.regular:
-        # Uniform from 0 to this has that standard deviation; the rate is that of frames that are not late.
+        # Range of a uniform distribution with this standard deviation; the rate is that of frames without delay.
         jitter_s = frames.jitter_s * math.sqrt(12.0)
         values["rate_hz"] = _rounded(1.0 / max(1.0 / frames.rate_hz - 0.5 * jitter_s, 1e-3))
         values["timing"] = {"frame_jitter_s": _rounded(jitter_s)}
@@ -180,7 +180,7 @@ def identify_tracker(path: Path, person: str | None, out: Path, progress: Progre
         path: Recording: table, lines of JSON or folder of a bag.
         person: The tracker's name of the person; None: who has the longest track.
         out: TOML file to write.
-        progress: Reports the share that is done.
+        progress: Progress display.
 
     Raises:
         RecordingError: If the recording cannot be read.

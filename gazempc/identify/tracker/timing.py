@@ -8,10 +8,10 @@ import numpy as np
 
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# A shorter interval has lost no frame.
+# Interval in periods above which frames are lost.
 _LOSS_PERIODS = 1.5
-# A tracker has no steady rate if its intervals vary by more than this share and late frames are not made up for. Then
-# only an interval of this many periods is a gap.
+# Relative standard deviation of intervals above which the rate is irregular, unless successive intervals compensate
+# each other. Then a gap is an interval of this many periods.
 _IRREGULAR, _IRREGULAR_GAP = 0.25, 3.0
 # Correlation of successive intervals where each late frame makes the next interval shorter: -0.5.
 _MAKES_UP = -0.25
@@ -22,12 +22,12 @@ class FrameTimes:
     """Rate, jitter and losses, from the stamps.
 
     Attributes:
-        rate_hz: Frames a second where none is lost.
-        jitter_s: Standard deviation of the intervals where none is lost.
-        regular: Whether the rate is steady: a late frame makes the next interval shorter.
-        single_share: Share of frames that are missing one by one.
-        gaps_s: How long the person was lost where two frames or more are missing, shape (K,), seconds.
-        duration_s: From the first frame to the last.
+        rate_hz: Frame rate without losses.
+        jitter_s: Standard deviation of the intervals without losses.
+        regular: Whether the rate is constant: a late frame makes the next interval shorter.
+        single_share: Share of single lost frames.
+        gaps_s: Durations of losses of two frames or more, shape (K,), seconds.
+        duration_s: Time from the first frame to the last, seconds.
     """
 
     rate_hz: float
@@ -63,7 +63,7 @@ def frame_times(times_s: FloatArray) -> FrameTimes:
     missing = np.zeros(intervals_s.size, dtype=np.intp)
     for _ in range(3):
         missing = _missing(intervals_s, period_s)
-        # Over all of the track: a frame that is late makes one interval longer and the next one shorter.
+        # Mean over the track: late frames cancel out.
         period_s = duration_s / float(intervals_s.size + missing.sum())
     return FrameTimes(
         1.0 / period_s,
@@ -79,7 +79,7 @@ def _varies_freely(intervals_s: FloatArray, usual: BoolArray) -> bool:
     kept_s = intervals_s[usual]
     if kept_s.std() < _IRREGULAR * kept_s.mean():
         return False
-    # Losses of single frames from a steady rate are whole numbers of periods; these are not.
+    # Intervals with losses at a constant rate are integer multiples of the period.
     periods = kept_s / np.quantile(kept_s, 0.2)
     if np.abs(periods - np.rint(periods)).mean() < 0.1:
         return False
@@ -88,7 +88,7 @@ def _varies_freely(intervals_s: FloatArray, usual: BoolArray) -> bool:
 
 
 def _missing(intervals_s: FloatArray, period_s: float) -> IntArray:
-    """Frames that are missing in each interval, shape (N - 1,).
+    """Number of missing frames in each interval, shape (N - 1,).
 
     A late frame is followed by a short interval; a missing one is not.
     """

@@ -1,1 +1,1 @@
-"""Where observations come from in a live run, one source a module. May import gazempc.live."""
+"""Sources of observations of a live run, one a module. May import gazempc.live."""

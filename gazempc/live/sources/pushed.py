@@ -1,4 +1,4 @@
-"""Observations that the program itself hands over, one call each."""
+"""Observations passed by the program, one call each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from predictors import HeadObservation
 
 # More than a second of a fast tracker.
 _WAITING_MAX = 1024
-# A stamp this far from now is of another clock or in another unit.
+# Difference from the present time that indicates a stamp of another clock or unit.
 _OTHER_CLOCK_S = 3600.0
 _QUATERNION = (4,), "a unit quaternion w, x, y, z"
 _SHAPES: dict[str, tuple[tuple[int, ...], str]] = {
@@ -65,7 +65,7 @@ class PushedSource:
         Args:
             time_s: Capture time, seconds.
             head_m: Head in the sensor's frame, shape (3,), metres.
-            stated: Values of `Stated` by name; None where there is none.
+            stated: Values of `Stated` by name; None if there is none.
 
         Raises:
             ValueError: If a value is not one; names the field and what is accepted.

@@ -1,4 +1,4 @@
-"""A recording as if it happened now: seen by a sensor, or as its tracker measured it."""
+"""Replay of a recording in real time: with a simulated sensor, or with the tracker's measurements."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class ReplaySource:
 
     Args:
         placed: The recording in the base frame.
-        sensor: What is seen of it.
+        sensor: The simulated sensor.
         seed: Seed of the sensor's noise.
         clock: The loop's clock.
-        passes: How many times the person passes; each time with other noise.
+        passes: Number of repetitions, each with different noise.
         others: Other people who are there at the same time.
     """
 
@@ -106,7 +106,7 @@ def _later(sighting: Sighting, by_s: float) -> Sighting:
 
 
 class BagSource(ReplaySource):
-    """Gives what the tracker measured when it arrived, counted from `open`.
+    """Provides the tracker's measurements at their arrival times, counted from `open`.
 
     Args:
         placed: The recording in the base frame, with what was measured.
@@ -126,7 +126,7 @@ class BagSource(ReplaySource):
 
 
 def bag_sightings(placed: Recording) -> list[Sighting]:
-    """What a tracker measured, in the order of arrival.
+    """The measurements of a tracker, in order of arrival.
 
     Args:
         placed: The recording, with what was measured; time starts at 0. Without delays all arrives at once.

@@ -24,10 +24,10 @@ from predictors import HeadObservation
 _T = TypeVar("_T")
 _COVARIANCE_SHAPE = (6, 6)  # x, y, z, and turns about x, y, z
 _YAW = 5
-# More wait only if frames on their way are missing.
+# Length of the queue; it grows only while frames of tf are missing.
 _WAITING_MAX = 256
 _TF = "/tf"
-# Transforms between a tracker and the robot come from other nodes, which may be this much later.
+# Timeout for transforms between tracker and robot, which come from other nodes.
 _WAITS_S = 0.2
 # Name of a node that is not discovered completely, in rmw_dds_common.
 _UNNAMED = "_NODE_NAME_UNKNOWN_"
@@ -61,7 +61,7 @@ class Ros2Source(ABC):
         self._name, self._node_name, self._options, self._uses_tf = name, node_name, options, uses_tf
         self._clock_s, self._unix_to_loop_s, self._make_node = clock_s, to_loop_s, make_node
         self._node: Ros2Node | None = None
-        # Messages whose frames may not be known yet, each with the time until which that is waited for.
+        # Messages with frames that may be unknown yet, each with its timeout.
         self._waiting: list[tuple[Any, float]] = []
 
     def _placed(
@@ -72,7 +72,7 @@ class Ros2Source(ABC):
         now_s: float,
         problems: list[str],
     ) -> list[_T]:
-        """As `used`, of what has come and what waits; what is in a frame that tf does not know yet waits for it."""
+        """As `used`, for new and pending messages; a message in a frame unknown to tf remains pending."""
         waiting = [*self._waiting, *((message, now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
         self._waiting = []
 
@@ -93,11 +93,11 @@ class Ros2Source(ABC):
 
     @abstractmethod
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
-        """Subscribe; returns the topics whose senders are watched."""
+        """Subscribe; returns the topics with monitored publishers."""
 
     @abstractmethod
     def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        """Take in messages, after those of tf; problems are appended. Raises Ros2Error if the node is closed."""
+        """Process messages, after those of tf; problems are appended. Raises Ros2Error if the node is closed."""
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait for a sender."""
@@ -143,7 +143,7 @@ class Ros2Source(ABC):
         self._node = None
 
     def _watch_senders(self, now_s: float) -> tuple[Notice, ...]:
-        """A notice of topics that newly have no sender, and of those that newly have several; tf may have several."""
+        """Notices of topics that newly have no publisher, or newly have several (allowed for tf)."""
         if now_s < self._watch_due_s:
             return ()
         self._watch_due_s = now_s + _DISCOVERY_S
@@ -197,10 +197,10 @@ class TfListener:
         self._fixed = node.subscription("/tf_static", kind, latched=True)
 
     def listen(self, problems: list[str]) -> None:
-        """Take in what has come.
+        """Process new messages.
 
         Args:
-            problems: Gets what cannot be used, and why.
+            problems: Receives invalid transforms with the reason.
 
         Raises:
             Ros2Error: If the node is closed.
@@ -278,7 +278,7 @@ class Ros2Person(Ros2Source):
                 f"a pose is in the frame {frame!r}, whose z points forward: needed is x forward, z up; for optical "
                 "axes say --mount.axes optical, or name options.ros2.base_frame"
             )
-        # Each head of a message counts for itself: one that is wrong does not cost the others.
+        # Heads of a message are validated individually.
         heads = _heads(message, self._options.pose_type)
         return used(heads, lambda head: _observation(head, captured_s, pose), self._topic, problems)
 

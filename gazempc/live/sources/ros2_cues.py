@@ -21,11 +21,11 @@ from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
 from gazempc.types import FloatArray, Sighting
 
 _POINT = "geometry_msgs/msg/PointStamped"
-# A point that is sent again within so long, and is as near to the one before, is the same thing: no new glance.
+# Deduplication of points: time and distance within which a repeated point causes no new glance.
 _SAME_S, _SAME_M = 2.0, 0.3
 # A direction is less than a whole turn; what is more is in another unit.
 _TURN_RAD = 2.0 * math.pi
-# Nothing can be looked at that is in the neck itself.
+# Minimum distance of a gaze target: outside of the neck itself.
 _NEAREST_M = 0.05
 
 

@@ -1,4 +1,4 @@
-"""People of ROS4HRI trackers (REP 155): frames in tf, lists of who is tracked, and whose face it is."""
+"""People of ROS4HRI trackers (REP 155): frames in tf, lists of tracked people, and matches of faces to people."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _FACE_COUNTS_S, _ONE_HEAD_M = 0.5, 0.4
 
 
 class _Head(NamedTuple):
-    """A head whose place may not be known yet: its frame, and when it was there, by ROS and on the loop's clock."""
+    """A head with its frame, whose transform may be pending, and its time in ROS time and on the loop's clock."""
 
     name: str
     time_s: float
@@ -95,7 +95,7 @@ class Ros4HriPeople(Ros2Source):
         return [Sighting(now_s, each) for each in seen], ()
 
     def _listen(self) -> None:
-        """Take in lists and matches."""
+        """Process lists and matches."""
         for part, listed in self._lists.items():
             for message in listed.take():
                 self._listed[part] = frozenset(message.ids)
@@ -134,7 +134,7 @@ class Ros4HriPeople(Ros2Source):
         return (kind == "face" or _PART[kind] in self._listed) and self._is_listed(_PART[kind], its_id)
 
     def _person(self, part: str, its_id: str) -> str | None:
-        """Name of the person whose face or body it is; None before a match, and when they are no longer tracked."""
+        """Name of the person with a face or body; None before a match, and after the end of the track."""
         found = (who for (of, who), matched in self._part_of.items() if (of, matched) == (part, its_id))
         return next((who for who in found if self._is_listed("person", who)), None)
 
@@ -156,7 +156,7 @@ class Ros4HriPeople(Ros2Source):
         return sensor
 
     def _seen(self, head: _Head) -> HeadObservation | None:
-        """A head; None for one of a skeleton whose face is seen."""
+        """Observation of a head; None for the head of a skeleton with a detected face."""
         frame = self._seen_from(head.name)
         pose = self._transforms.pose(head.name, frame, head.time_s)
         kind, _, its_id = head.name.partition("_")

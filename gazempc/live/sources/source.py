@@ -1,4 +1,4 @@
-"""The one interface that all sources of observations have."""
+"""The interface of all sources of observations."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def check_range(position_m: FloatArray) -> None:
 
 @dataclass(frozen=True)
 class Notice:
-    """Something about what comes that the source finds out itself.
+    """A finding of the source about its input.
 
     Attributes:
         event: Its kind.
         text: The finding, and the setting that corrects it.
-        count: How many observations are not used for it.
+        count: Number of observations refused for this reason.
     """
 
     event: Event
@@ -53,13 +53,13 @@ class Notice:
 
 @dataclass(frozen=True)
 class Arrived:
-    """What has come since a source was last asked.
+    """Input of a source since the previous poll.
 
     Attributes:
-        sightings: Observations in the order of arrival, positions and orientations in the sensor's frame; times on the
+        sightings: Observations in order of arrival, positions and orientations in the sensor's frame; times on the
             loop's clock.
-        problems: What came and could not be used, and why, a sentence each.
-        notices: What else is to be known, and what was not used for reasons of other names.
+        problems: Invalid input with the reason, a sentence each.
+        notices: Findings, and observations refused for other reasons.
         cues: Cues, such as sounds.
     """
 
@@ -70,25 +70,25 @@ class Arrived:
 
 
 class Source(Protocol):
-    """Gives observations as they arrive; never blocks.
+    """Provides observations as they arrive; non-blocking.
 
     The class attribute ``keeps_any_clock = True`` declares that it uses the loop's time, so that it may run on a
     simulated clock.
     """
 
     def open(self) -> None:
-        """Begin to take observations in.
+        """Start reception.
 
         Raises:
             SourceError: If it cannot be opened.
         """
 
     def poll(self) -> Arrived:
-        """What has arrived since the last call."""
+        """Input since the last call."""
 
     @property
     def finished(self) -> bool:
-        """True once nothing more will come."""
+        """Whether the source has ended."""
 
     def close(self) -> None:
-        """Take no more in; never raises, and may be called at any time."""
+        """End reception; never raises, and may be called at any time."""

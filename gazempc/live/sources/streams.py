@@ -27,7 +27,7 @@ _ASKED_AFTER_S = 3.0
 
 
 class Senders:
-    """Keeps to the sender whose line was the first to be an observation, until its port is closed or it is silent.
+    """Locks on to the first sender of a valid observation, until its port is closed or it times out.
 
     Args:
         allowed: Addresses or networks, such as ``192.168.0.7`` or ``192.168.0.0/24``; only these may
@@ -43,7 +43,7 @@ class Senders:
         self._heard_s = self._asked_s = -math.inf
 
     def refusal(self, sender: Address, now_s: float) -> str:
-        """Why a datagram is not read.
+        """Reason to refuse a datagram.
 
         Args:
             sender: Address and port that it came from.
@@ -66,7 +66,7 @@ class Senders:
         )
 
     def heard(self, sender: Address, now_s: float) -> None:
-        """Take note that a sender's line is an observation.
+        """Register a valid observation of a sender.
 
         Args:
             sender: Address and port.
@@ -75,7 +75,7 @@ class Senders:
         self._first, self._heard_s = sender, now_s
 
     def to_ask(self, now_s: float) -> Address | None:
-        """The silent sender, if it is to be asked, once in three seconds, whether its port is open.
+        """The silent sender, if its port is due for a probe, once in three seconds.
 
         Args:
             now_s: The time, seconds.
@@ -86,7 +86,7 @@ class Senders:
         return self._first
 
     def closed(self, sender: Address) -> None:
-        """Take note that a sender's port is closed: its place is free.
+        """Release the lock of a sender whose port is closed.
 
         Args:
             sender: Address and port.
@@ -110,14 +110,14 @@ _WAITING_MAX = 1024
 _TEXTS_KEPT = 20
 # An observation with all its fields has a fifth of it. Parsing more would delay other threads.
 LINE_MAX = 4096
-# Of what comes at once the newest are parsed; no tracker sends so many people in a moment.
+# Maximum number of lines parsed from one burst, the newest; more than the people of a frame.
 _LINES_MAX = 64
-# After so many, as much time is left to others as the parsing took.
+# Number of lines after which the thread yields for as long as the parsing took.
 _MANY_LINES = 16
 
 
 class LineSource:
-    """Reads lines in a thread of its own and parses them as in `gazempc.live.sources.json_lines`.
+    """Reads lines in a separate thread and parses them as in `gazempc.live.sources.json_lines`.
 
     Args:
         wire: Where the lines come from.
@@ -230,11 +230,11 @@ class LineSource:
         return bool(why)
 
     def _cut(self, data: bytes) -> list[bytes]:
-        """Whole lines; what is longer than a line may be is left out where it stands."""
+        """Complete lines; longer ones than the limit are discarded."""
         *lines, self._rest = (self._rest + data).split(b"\n")
         if self._too_long and lines:
             self._too_long = False
-            del lines[0]  # the end of the one that was given up
+            del lines[0]  # the rest of a discarded line
         if len(self._rest) > LINE_MAX:
             if not self._too_long:
                 self._refuse_long()

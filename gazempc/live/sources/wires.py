@@ -18,7 +18,7 @@ from gazempc.live.sources.source import SourceError
 Address = tuple[str, int]
 _CHUNK = 16_384
 _DATAGRAM = 65_536
-# Of a flood so many are taken at once, so that the newest ones are not left in the system's buffer.
+# Datagrams received at once: empties the system's buffer, so that the newest are included.
 _DATAGRAMS = 256
 # Socket option of <linux/in.h>: answers by ICMP are read from the socket's queue of errors.
 _IP_RECVERR, _REPORTS_CLOSED = 11, hasattr(socket, "MSG_ERRQUEUE")
@@ -30,8 +30,8 @@ class Chunk(NamedTuple):
     """Bytes that came together.
 
     Attributes:
-        data: The bytes; of datagrams none for a sender whose port is closed.
-        sender: Who sent them; None where there is only one who can.
+        data: The bytes; empty for a datagram sender with a closed port.
+        sender: Who sent them; None if there is only one who can.
     """
 
     data: bytes
@@ -39,10 +39,10 @@ class Chunk(NamedTuple):
 
 
 class Wire(Protocol):
-    """Where bytes come from.
+    """A byte stream.
 
     Attributes:
-        name: What it is called in messages.
+        name: Name in messages.
     """
 
     name: str

@@ -37,7 +37,7 @@ _AT_ONCE = 8
 
 
 class Feed:
-    """Takes moments in the thread of the run; a thread of its own sends them to the process for viewers.
+    """Queues moments in the thread of the run; a separate thread sends them to the process for viewers.
 
     Args:
         orders: What the process does.
@@ -100,7 +100,7 @@ class Feed:
                 self._drop()
 
     def kept(self, path: Path) -> None:
-        """Take note that a log is complete.
+        """Register a complete log.
 
         Args:
             path: The ``.npz`` file.
@@ -129,7 +129,7 @@ class Feed:
             self.process.join()
 
     def _drop(self) -> None:
-        # The newest counts. Where a log ends and where it is must not be lost.
+        # Drop the oldest moments, but keep ends and paths of logs.
         kept: list[Moment | LogKept] = []
         with suppress(IndexError):  # all has been sent meanwhile
             while isinstance(oldest := self._waiting.popleft(), (CutMoment, LogKept)):
@@ -186,7 +186,7 @@ def start_viewers(settings: LiveSettings, setup: LiveSetup) -> Feed | None:
         setup: The parts of the run; the source is not open yet.
 
     Returns:
-        The feed of moments; None where no viewer and no MCAP file is wanted.
+        The feed of moments; None if no viewer and no MCAP file is wanted.
 
     Raises:
         SettingsError: If a package is missing, a file cannot be written, or the address cannot be used.

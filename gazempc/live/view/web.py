@@ -317,4 +317,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("X-Content-Type-Options", "nosniff")
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Requests are of no interest to who watches the run."""
+        """Suppress the log of requests."""

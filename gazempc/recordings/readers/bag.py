@@ -109,7 +109,7 @@ def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
             near = suggest(options.person, {name for seen in found for name in (seen.name, seen.person)})
             raise SettingsError(f"person: no {options.person!r} in {path}; {near}")
         return named[0]
-    # Eyes are not between the hips.
+    # Frames of bodies are at the hips, not at the head.
     heads = [seen for seen in found if not seen.name.startswith("body_")]
     if not heads:
         problem = f"only bodies: {', '.join(s.name for s in found)}"
@@ -156,7 +156,7 @@ def _moved(path: Path, frames: FrameTree, poses: Poses, start: str, goal: str) -
 def _pelvis(
     frames: FrameTree, seen: Sighted, frame: str, axes: Axes, times_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Positions, shape (N, 3), and quaternions, (N, 4), of the hips of the head's skeleton; NaN where unknown."""
+    """Positions, shape (N, 3), and quaternions, (N, 4), of the hips of the head's skeleton; NaN if unknown."""
     way = None
     if seen.name.startswith("head_"):
         way = frames.way(f"body_{seen.name.removeprefix('head_')}", frame)

@@ -16,7 +16,7 @@ from gazempc.recordings.readers.bag_messages import TF, TF_STATIC, BagMessage, s
 from gazempc.recordings.recording import composed
 from gazempc.types import BoolArray, FloatArray, IntArray
 
-# Between a frame's messages it is interpolated. Farther from the nearest one its place is unknown.
+# Largest distance in time from a message of a frame for interpolation; beyond it the pose is unknown.
 _LONGEST_GAP_S = 1.0
 # Frames that are no sensor's origin: the line of sight is unknown there.
 FIXED_FRAMES = ("map", "odom", "world", "earth")
@@ -31,7 +31,7 @@ class Poses:
         times_s: Stamps, shape (N,), seconds.
         delays_s: From the stamp to the message's arrival in the bag, shape (N,), seconds.
         position_m: Shape (N, 3), metres.
-        quat_wxyz: Shape (N, 4), unit quaternions; NaN where not known.
+        quat_wxyz: Shape (N, 4), unit quaternions; NaN if unknown.
     """
 
     times_s: FloatArray
@@ -86,7 +86,7 @@ class FrameTree:
             goal: Name of the other.
 
         Returns:
-            Transforms, and for each whether the way goes from child to parent; None where the two are not connected.
+            Transforms, and for each whether the way goes from child to parent; None if the two are not connected.
         """
         neighbours: Mapping[str, list[tuple[str, Edge, bool]]] = defaultdict(list)
         # Fixed ones first: of two ways of the same length the one that needs no interpolation is taken.
@@ -145,7 +145,7 @@ class FrameTree:
 
 
 def usable(poses: Poses) -> Poses:
-    """Poses with finite numbers and with an orientation or none, in the order of their stamps, each stamp once."""
+    """Poses with finite numbers and with an orientation or none, sorted by stamp, each stamp once."""
     unknown = np.isnan(poses.quat_wxyz).all(axis=1)
     norms = np.linalg.norm(poses.quat_wxyz, axis=1)
     oriented = np.isfinite(norms) & (norms > 0.5)
@@ -176,7 +176,7 @@ Axes = Literal["optical", "forward"]
 _FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 # FrameTree that REP 103 and REP 105 give x forward, z up.
 _FORWARD = re.compile(r"base(_.*)?|.*_(link|footprint|body)")
-# A person's axis within 60 degrees of a direction in the median is meant to point there.
+# Cosine of 60 degrees: largest median angle between an axis of a person and a direction assigned to it.
 _POINTS = 0.5
 
 
@@ -225,7 +225,7 @@ def person_axes(
 
     Args:
         position_m: Of one person, in a frame with x forward and z up, shape (N, 3), metres.
-        quats_wxyz: Orientations in this frame, shape (N, 4); NaN where unknown.
+        quats_wxyz: Orientations in this frame, shape (N, 4); NaN if unknown.
         from_sensor: Whether the frame's origin is the sensor, to which people turn their faces more often than not.
         is_face: Whether faces alone are seen: these are turned to the sensor.
 

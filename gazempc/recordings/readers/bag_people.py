@@ -27,7 +27,7 @@ _PERSON_TOPIC = re.compile(r"head|face|person|people|human|user|pedestrian")
 
 @dataclass(frozen=True)
 class Sighted:
-    """One thing over time that may be a person's head.
+    """Candidate track of a person's head.
 
     Attributes:
         name: Name of its frame, or its topic.
@@ -65,7 +65,7 @@ def is_person(frame: str) -> bool:
 
 
 def people_in(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[BagMessage]) -> list[Sighted]:
-    """All that may be a person's head, the likeliest and longest first.
+    """All candidates for a person's head, the likeliest and longest first.
 
     Args:
         frames: The frames of the bag.
@@ -86,7 +86,7 @@ def people_in(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[B
 
 
 def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
-    """A face without the poses at which neither the list before nor the one after has it as tracked.
+    """A face without the poses at which it is in neither the previous nor the next list of tracked faces.
 
     Some trackers go on sending the last pose of a face that they lost.
     """
@@ -108,7 +108,7 @@ def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
 
 
 def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | None:
-    """A person's frame in the nearest frame of no person; None where it never moves, or has no such frame."""
+    """A person's frame in the nearest frame of no person; None if it never moves, or has no such frame."""
     own_id = name.partition("_")[2]
     way: list[tuple[tuple[str, str], bool]] = []
     here, been = name, {name}

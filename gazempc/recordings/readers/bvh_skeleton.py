@@ -37,7 +37,7 @@ _CONTRADICTION = -0.5
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Joints of a hierarchy that matter.
+    """Relevant joints of a hierarchy.
 
     Attributes:
         head: Index of the head's joint.

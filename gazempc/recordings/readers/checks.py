@@ -26,7 +26,7 @@ QUATERNION_NORM_TOLERANCE = 1e-2
 MAX_MAGNITUDE = 1e9  # larger values are damage, and their squares would overflow
 # Longer than any walk before a robot; its replay takes an hour, too.
 MOST_DURATION_S = 3600.0
-# After a longer gap, another walk begins.
+# Longest gap within one walk.
 MOST_GAP_S = 60.0
 # No sensor of a robot detects a head from farther away.
 MOST_RANGE_M = 100.0
@@ -35,7 +35,7 @@ MOST_EXTENT_M = 1000.0
 HEAD_TO_PELVIS_RANGE_M = (0.3, 1.1)
 _FRAME_INTERVAL_RANGE_S = (1.0 / 1000.0, 1.0)
 _TYPICAL_FRAME_INTERVAL_S, _TYPICAL_HEAD_TO_PELVIS_M, _TYPICAL_SPEED_M_S = 1.0 / 30.0, 0.6, 1.0
-# Averaged over this time, jumps of a tracker do not count as speed.
+# Time base of the speed check, which averages out jumps of a tracker.
 _TRAVEL_S = 1.0
 _FASTEST_M_S = 12.5  # the best sprinters' highest speed
 _MOST_CLIMB_M = 1.0  # getting up from a chair, or a few steps of a staircase
@@ -191,7 +191,7 @@ def check_unit_quaternions(source: Path, quat_wxyz: FloatArray, columns: str, pl
 
 
 def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArray, at_sensor: bool) -> None:
-    """Refuse recordings that last for hours, or of people kilometres away.
+    """Check duration of the recording and distance of people.
 
     Args:
         source: File, for messages.
@@ -248,7 +248,7 @@ def _check_body(source: Path, from_pelvis_m: FloatArray, note: str) -> None:
 
 
 def _check_head_travel(source: Path, times_s: FloatArray, head_position_m: FloatArray) -> None:
-    """Refuse impossible motion, where no pelvis shows the unit: a person who stands may have any unit."""
+    """Check the speed, as evidence of the unit without a pelvis; inconclusive for a standing person."""
     after = np.minimum(np.searchsorted(times_s, times_s + _TRAVEL_S), len(times_s) - 1)
     moved = after > np.arange(len(times_s))
     way_m = np.linalg.norm(head_position_m[after] - head_position_m, axis=1)[moved]

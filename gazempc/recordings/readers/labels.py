@@ -37,7 +37,7 @@ _MAX_GRID_POINTS = 100_000
 
 
 class Travel(NamedTuple):
-    """Whether a person leaves the spot, and when.
+    """Locomotion of a person.
 
     Attributes:
         start_s: Start of motion, seconds; NaN where there is none.

@@ -47,7 +47,7 @@ from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import BoolArray
 
 FOLDER = "recordings/readers/tables/mappings"
-# With fewer rows usable, something else is wrong than a head out of sight.
+# Minimum share of usable rows; below it the cause is not a head out of sight.
 _LEAST_USABLE = 0.5
 # Height of hips that the file has at the origin, of a standing person of 1.75 m; and how near the origin they must be.
 HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
@@ -159,7 +159,7 @@ def remember_columns(path: Path, options: ReadOptions) -> str:
 def shipped_mappings() -> dict[str, ShippedMapping]:
     """All mappings that ship, by name, in the order in which they are tried."""
     found = {name: load_spec(ShippedMapping, FOLDER, name) for name in shipped_names(FOLDER)}
-    # Those that ask for more columns come first: a skeleton before a rigid body.
+    # Most specific first, by number of columns: a skeleton before a rigid body.
     return dict(sorted(found.items(), key=lambda item: -len(item[1].texts())))
 
 

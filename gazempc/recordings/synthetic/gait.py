@@ -95,7 +95,7 @@ def slow_variation(rng: np.random.Generator, times_s: FloatArray, highest_hz: fl
     """Draw a smooth random signal of expected mean square 1 with no power above `highest_hz`.
 
     Args:
-        rng: Source of frequencies and phases.
+        rng: Random generator.
         times_s: Shape (N,), seconds.
         highest_hz: Upper edge of the band.
 
@@ -142,7 +142,7 @@ def draw_walkers(rng: np.random.Generator, count: int) -> tuple[WalkerTraits, ..
     its own (Latin hypercube).
 
     Args:
-        rng: Source of the draws.
+        rng: Random generator.
         count: How many people.
 
     Returns:

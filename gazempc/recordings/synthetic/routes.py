@@ -109,7 +109,7 @@ class TravelPath:
 
 
 def _misplacement(position_base_m: FloatArray) -> FloatArray:
-    """How far paths, shape (..., N, 2), leave the camera's view: metres, shape (...), 0 inside."""
+    """Distance by which paths, shape (..., N, 2), leave the camera's view: metres, shape (...), 0 inside."""
     x, y = position_base_m[..., 0], position_base_m[..., 1]
     distance = np.hypot(x, y)
     beyond = np.maximum(ROUTE_RANGE_M[0] - distance, distance - ROUTE_RANGE_M[1])
@@ -119,7 +119,7 @@ def _misplacement(position_base_m: FloatArray) -> FloatArray:
 
 
 def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatArray) -> tuple[float, FloatArray]:
-    """Fit a path into the camera's view by as small a rotation and shift as will do.
+    """Fit a path into the camera's view by the smallest sufficient rotation and shift.
 
     Args:
         path_m: Shape (N, 2), starts along +x, with the middle of the walk at the origin.

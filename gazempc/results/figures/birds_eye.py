@@ -19,7 +19,7 @@ from gazempc.results.metrics import SCORED_FROM_S
 from gazempc.types import FloatArray
 
 _RAYS_AT_MOST = 5
-# Head and body are drawn so far of the way to the person: beyond, they would cross the gazes.
+# Length of the lines of head and body as a share of the distance to the person: longer ones would cross the gaze.
 _PART_REACH = 0.45
 # Labels need about this share of the drawing in the overview.
 _LABEL_GAP = 0.1
@@ -49,7 +49,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
     observed = next(iter(logs.values())).head_observed_base_m
     if len(observed) and not shown.known.any():
         ax.plot(observed[:, 1], observed[:, 0], **OBSERVED, zorder=3)
-    path_m = _whom_by_whom(ax, shown.log)
+    path_m = _draw_attended(ax, shown.log)
     if shown.known.any():
         draw_known(ax, path_m[:, 1], path_m[:, 0], shown, color="0.25", lw=1.5, zorder=4)
     if not np.isfinite(head).any():
@@ -89,7 +89,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
     return tuple(beside.values())
 
 
-def _whom_by_whom(ax: Axes, log: Log) -> FloatArray:
+def _draw_attended(ax: Axes, log: Log) -> FloatArray:
     """Draw a band along each person's path while they were looked at.
 
     Returns:

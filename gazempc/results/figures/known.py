@@ -30,7 +30,7 @@ class Part:
 
     Attributes:
         label: Name for people.
-        direction: Where it points in the base frame at each tick, shape (M, 3), unit; NaN where it is not known.
+        direction: Where it points in the base frame at each tick, shape (M, 3), unit; NaN if unknown.
         line: Line style, as matplotlib takes it.
         line_name: Name of the line style.
         level: Whether it turns about the vertical only.

@@ -24,7 +24,7 @@ _HATCH, _BOX = "////", {"fc": "w", "ec": "none", "pad": 1.0}
 
 @dataclass(frozen=True)
 class Turn:
-    """For so long the gaze was for one person, or away from them; times are from the start of the log.
+    """Period of attention to one person, with its aversions; times are from the start of the log.
 
     Attributes:
         from_s: Seconds.

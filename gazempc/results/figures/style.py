@@ -29,7 +29,7 @@ CONTACT_COLOUR = "#009E73"
 OBSERVED: dict[str, Any] = {"color": "k", "ls": "", "marker": ".", "ms": 3.0, "mew": 0.0, "alpha": 0.55}
 DPI = 150
 _UNSCORED = "0.92"
-# For controllers of the user's own (Paul Tol's muted scheme, for colour-blind people, too).
+# For user-defined controllers (Paul Tol's muted scheme, for colour-blind people, too).
 _OWN_COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733")
 # A picture of an inch less than this number of points in width has letters that read at the width of a README, some
 # 830 pixels: then medium letters are 11 pixels high.
@@ -88,7 +88,7 @@ _STYLES = {
 
 
 def style(controller: str) -> Style:
-    """Look of a controller; one of the user's own keeps its name, and its name chooses its colour."""
+    """Look of a controller; a user-defined one keeps its name, and its name chooses its colour."""
     return styles([controller])[controller]
 
 

@@ -1,4 +1,4 @@
-"""Errors of position and yaw, and the covariance that a sensor states."""
+"""Errors of position and yaw, and the covariance stated by a sensor."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from gazempc.sim.sensing.processes import bouts, held_uniform, wander
 from gazempc.sim.sensing.tables import AcrossError, AlongError, Jumps, OtherPerson, YawError
 from gazempc.types import BoolArray, FloatArray
 
-# Straight above or below the sensor "left" has no meaning; any direction serves.
+# Above or below the sensor "left" is undefined; any horizontal direction is valid.
 _VERTICAL = 1e-9
 
 
 def sight_axes(positions_m: FloatArray) -> FloatArray:
-    """Axes of the lines of sight from the origin: along it, to the left of it, and upwards of both.
+    """Frames of the lines of sight from the origin: along, left, up.
 
     Args:
         positions_m: Shape (N, 3), metres.
@@ -56,7 +56,7 @@ def sight_error(
         positions_m: True positions, shape (N, 3), metres, base frame; NaN while absent.
         along: Error of the range.
         across: Error across the line of sight.
-        rng: Source of randomness.
+        rng: Random generator.
 
     Returns:
         Error in the base frame, shape (N, 3), metres.
@@ -72,8 +72,8 @@ def jump_error(times_s: FloatArray, jumps: Jumps, rng: np.random.Generator) -> F
 
     Args:
         times_s: Times of the frames, shape (N,), seconds.
-        jumps: How often, how long and how far.
-        rng: Source of randomness.
+        jumps: Frequency, duration and size.
+        rng: Random generator.
 
     Returns:
         Error in the base frame, shape (N, 3), metres; 0 outside jumps.
@@ -89,29 +89,29 @@ def jump_error(times_s: FloatArray, jumps: Jumps, rng: np.random.Generator) -> F
 
 
 def shows_other(times_s: FloatArray, other: OtherPerson) -> BoolArray:
-    """Which frames show the other person: at the end of each period from the first frame on.
+    """Mask of the frames that show the other person: at the end of each period, counted from the first frame.
 
     Args:
         times_s: Times of the frames, shape (N,), seconds.
-        other: How often and how long.
+        other: Period and duration.
 
     Returns:
         Shape (N,).
     """
     if not other.is_there:
         return np.zeros(times_s.size, dtype=np.bool_)
-    # A frame on the edge is not decided by rounding.
+    # Tolerance for frames at the boundary of a period.
     in_period_s = (times_s - times_s[0] + 1e-6) % other.every_s
     return np.asarray(in_period_s >= other.every_s - other.shown_s)
 
 
 def other_offset(positions_m: FloatArray, shown: BoolArray, other: OtherPerson) -> FloatArray:
-    """From the first person to the other one, at the frames that show the other.
+    """Displacement from the first person to the other one, at the frames that show the other.
 
     Args:
         positions_m: True positions of the first person, shape (N, 3), metres, base frame; NaN while absent.
-        shown: Which frames show the other person, shape (N,).
-        other: How far apart they are.
+        shown: Mask of the frames that show the other person, shape (N,).
+        other: Distance between the people.
 
     Returns:
         Shape (N, 3), metres; 0 at the other frames.
@@ -125,11 +125,11 @@ def other_offset(positions_m: FloatArray, shown: BoolArray, other: OtherPerson) 
 def stated_covariances(
     measured_m: FloatArray, each_axis_m: float, along: AlongError, across: AcrossError
 ) -> FloatArray:
-    """Covariance of the error as a sensor states it: of white error and wander, at the measured range.
+    """Error covariance stated by a sensor: white error plus wander, at the measured range.
 
     Args:
         measured_m: Measured positions, shape (N, 3), metres, base frame.
-        each_axis_m: Standard deviation of the error that has no direction, metres.
+        each_axis_m: Standard deviation of the isotropic error, metres.
         along: Error of the range.
         across: Error across the line of sight.
 
@@ -145,16 +145,16 @@ def stated_covariances(
 def yaw_error(
     times_s: FloatArray, away: BoolArray, error: YawError, rng: np.random.Generator
 ) -> tuple[FloatArray, BoolArray]:
-    """Error of a yaw, and where it is lost.
+    """Error and loss of a yaw.
 
     Args:
         times_s: Times of the frames, shape (N,), seconds.
-        away: Where the person faces away, shape (N,); see `faces_away`.
-        error: Its size.
-        rng: Source of randomness.
+        away: Mask of the frames in which the person faces away, shape (N,); see `faces_away`.
+        error: Parameters of the error.
+        rng: Random generator.
 
     Returns:
-        Error, shape (N,), radians; and where there is no yaw, shape (N,).
+        Error, shape (N,), radians; mask of the frames without a yaw, shape (N,).
     """
     white = np.deg2rad(error.noise_deg) * rng.standard_normal(times_s.size)
     slow = np.deg2rad(error.wander_deg) * wander(times_s, error.wander_time_s, 1, rng)[:, 0]
@@ -165,15 +165,15 @@ def yaw_error(
 
 
 def faces_away(positions_m: FloatArray, quats_wxyz: FloatArray, away_deg: float) -> BoolArray:
-    """Where a head or pelvis is turned from the origin by more than an angle, seen from above.
+    """Mask of the frames in which a head or pelvis is turned from the origin by more than an angle, about the vertical.
 
     Args:
         positions_m: True positions of the person, shape (N, 3), metres, base frame.
-        quats_wxyz: True orientations, shape (N, 4); NaN where there is none.
+        quats_wxyz: True orientations, shape (N, 4); NaN if unknown.
         away_deg: The angle, degrees.
 
     Returns:
-        Shape (N,); False where there is no orientation.
+        Shape (N,); False if the orientation is unknown.
     """
     known = np.isfinite(quats_wxyz).all(axis=1)
     away = np.zeros(known.size, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Observations of a recording by a simulated sensor."""
+"""Simulated observations of a recording."""
 
 from __future__ import annotations
 
@@ -24,42 +24,41 @@ from gazempc.sim.sensing.tables import YawError
 from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
 from predictors import HeadObservation
 
-# Each process draws from its own stream, so that switching one on leaves the others as they are. The noise of each
-# axis and yaw and the independent loss are older than these and share the stream without a number.
+# Independent random streams, so that enabling one process does not change the others. Noise of axes and yaws, and
+# independent loss, share the stream without a number, for compatibility with earlier results.
 _STREAMS = ("wander", "sight", "jumps", "loss", "head", "pelvis", "frames", "latency", "stamps")
-# Of the recording's person and of the other one.
+# Tracker names of the recording's person and of the other one.
 _NAMES = ("1", "2")
 _Streams = dict[str, np.random.Generator]
 
 
 def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting, ...]:
-    """See a recording through a sensor.
+    """Simulate the observations of a recording by a sensor.
 
-    A sensor on the head sees all around here: where the neck points is known in a replay only, see
-    `gazempc.sim.replay`.
+    A sensor on the head has an unlimited field of view here, as joint angles are known only in `gazempc.sim.replay`.
 
     Args:
         placed: The recording in the robot's base frame.
         sensor: The sensor.
-        seed: Seed of all errors. The recording's name is mixed in, so that two recordings do not share
-            noise; all controllers see the same.
+        seed: Seed of all errors, combined with the recording's name: independent noise for each recording, the same
+            for all controllers.
 
     Returns:
         The sightings in order of arrival.
 
     Raises:
-        SettingsError: If the sensor is ``recorded`` but the recording has no measured track, or nothing is seen.
+        SettingsError: If the sensor is ``recorded`` but the recording has no measured track, or without observations.
     """
     track, times_s = _track_of(placed, sensor), placed.times_s
     entropy = [seed, zlib.crc32(placed.name.encode())]
     streams = {name: np.random.default_rng([*entropy, k]) for k, name in enumerate(_STREAMS, 1)}
-    # Drawn for every frame of the recording, so that a frame's noise does not depend on which frames are used.
+    # One sample for every frame of the recording: the noise of a frame is independent of the selection of frames.
     rng = np.random.default_rng(entropy)
     noise_m = sensor.position_noise_m * rng.standard_normal((times_s.size, 3))
     yaw_noise_rad = np.deg2rad(sensor.yaw_noise_deg) * rng.standard_normal((times_s.size, 2))
     missed = rng.random(times_s.size) < sensor.dropout_probability
 
-    # Errors and visibility are those of the person who is shown.
+    # Errors and visibility apply to the person who is shown.
     shows_the_other = shows_other(times_s, sensor.other_person)
     shown_m = track.head_position_m + other_offset(track.head_position_m, shows_the_other, sensor.other_person)
     positions_m = shown_m + noise_m + _position_error(times_s, shown_m, sensor, streams)
@@ -71,7 +70,7 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
         raise SettingsError(
             f"sensor {sensor.name!r} never sees the person in {placed.name}: check its range, view and loss"
         )
-    # All frames at once: a rotation alone takes as long.
+    # Vectorised over frames: a single rotation takes as long.
     head_rad, head_known = _yaw_error(times_s, track, track.head_quat_wxyz, sensor.head_yaw, streams["head"])
     pelvis_rad, pelvis_known = _yaw_error(times_s, track, track.pelvis_quat_wxyz, sensor.pelvis_yaw, streams["pelvis"])
     seen_as = zip(
@@ -111,7 +110,7 @@ def _position_error(times_s: FloatArray, true_m: FloatArray, sensor: SensorSpec,
 
 
 def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> BoolArray:
-    """Where the head is in range, as far as the sensor can measure that, and in view: shape (N,)."""
+    """Mask of the frames with the head in range (measured where possible) and in view, shape (N,)."""
     range_m = np.linalg.norm(measured_m, axis=1)
     in_range: BoolArray = (sensor.range_min_m <= range_m) & (range_m <= sensor.range_max_m)
     return in_range & sensor.view.contains(true_m) if sensor.view.on == "base" else in_range
@@ -120,17 +119,17 @@ def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> B
 def _yaw_error(
     times_s: FloatArray, track: Track, quats_wxyz: FloatArray, error: YawError, rng: np.random.Generator
 ) -> tuple[FloatArray, BoolArray]:
-    """Error of a yaw, radians, and where it is known: each of shape (N,)."""
+    """Error of a yaw, radians, and mask of known yaws: each of shape (N,)."""
     away = faces_away(track.head_position_m, quats_wxyz, error.away_deg)
     turn_rad, lost = yaw_error(times_s, away, error, rng)
-    # A recording of positions alone has no orientations.
+    # A recording may have positions only.
     return turn_rad, ~lost & np.isfinite(quats_wxyz).all(axis=1)
 
 
 def _turned(
     quats_wxyz: FloatArray, turn_rad: FloatArray, known: BoolArray, seen: IntArray
 ) -> Sequence[FloatArray | None]:
-    """The orientations that are seen, None where there is none."""
+    """The observed orientations; None if unknown."""
     shown = turned(quats_wxyz[seen], turn_rad[seen])
     return [quat if is_known else None for quat, is_known in zip(shown, known[seen].tolist(), strict=True)]
 

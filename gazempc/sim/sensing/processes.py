@@ -1,4 +1,4 @@
-"""Frames that a sensor takes, their arrival and stamps, and the random processes of its errors."""
+"""Frame selection, arrival times, stamps, and random processes of a sensor's errors."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def wander(times_s: FloatArray, time_s: float, axes: int, rng: np.random.Generat
     Args:
         times_s: Times of the frames, shape (N,), seconds, increasing.
         time_s: Correlation time: the autocorrelation is exp(-lag / time_s).
-        axes: How many independent ones, A.
-        rng: Source of randomness.
+        axes: Number A of independent processes.
+        rng: Random generator.
 
     Returns:
         Shape (N, A).
@@ -25,7 +25,7 @@ def wander(times_s: FloatArray, time_s: float, axes: int, rng: np.random.Generat
     values = rng.standard_normal((times_s.size, axes))
     keeps = np.exp(-np.diff(times_s) / time_s)
     kicks = values[1:] * np.sqrt(1.0 - keeps**2)[:, None]
-    # In plain numbers: an operation on an array of a few takes ten times as long.
+    # Python floats: operations on small arrays take ten times as long.
     kept = keeps.tolist()
     for a, start in enumerate(values[0].tolist()):
         steps = zip(kept, kicks[:, a].tolist(), strict=True)
@@ -34,15 +34,15 @@ def wander(times_s: FloatArray, time_s: float, axes: int, rng: np.random.Generat
 
 
 def bouts(times_s: FloatArray, spec: Bouts, rng: np.random.Generator) -> IntArray:
-    """Which frames are in a bout, and in which.
+    """Assign frames to the bouts of an error.
 
     Args:
         times_s: Times of the frames, shape (N,), seconds, increasing.
-        spec: How often and how long.
-        rng: Source of randomness.
+        spec: Intervals and durations.
+        rng: Random generator.
 
     Returns:
-        Number of the bout at each frame, from 0, shape (N,); -1 outside.
+        Index of the bout at each frame, from 0, shape (N,); -1 outside of bouts.
     """
     number = np.full(times_s.size, -1, dtype=np.intp)
     if spec.mean_interval_s == np.inf:
@@ -54,22 +54,22 @@ def bouts(times_s: FloatArray, spec: Bouts, rng: np.random.Generator) -> IntArra
         if first == times_s.size:
             return number
         end_s = start_s + rng.uniform(spec.duration_min_s, spec.duration_max_s)
-        # A bout between two frames hits the next one: a spike of no duration is still a spike.
+        # A bout between two frames affects the next one: a spike has zero duration.
         after = max(int(np.searchsorted(times_s, end_s)), first + 1)
         number[first:after] = count
         count += 1
 
 
 def held_uniform(times_s: FloatArray, hold_s: float, rng: np.random.Generator) -> FloatArray:
-    """Numbers of 0 to 1 that stay for an exponential time, then are drawn anew.
+    """Piecewise-constant uniform process on 0 to 1, with exponential holding times.
 
     Args:
         times_s: Times of the frames, shape (N,), seconds, increasing.
-        hold_s: Mean time between draws; 0 for a draw each frame.
-        rng: Source of randomness.
+        hold_s: Mean holding time; 0 for an independent value each frame.
+        rng: Random generator.
 
     Returns:
-        Shape (N,), each uniform.
+        Shape (N,).
     """
     drawn = rng.random(times_s.size)
     stays = np.exp(-np.diff(times_s) / hold_s) if hold_s > 0 else np.zeros(times_s.size - 1)
@@ -79,19 +79,19 @@ def held_uniform(times_s: FloatArray, hold_s: float, rng: np.random.Generator) -
 
 
 def frames_taken(times_s: FloatArray, rate_hz: float, jitter_s: float, rng: np.random.Generator) -> IntArray:
-    """Frames of a recording that a sensor takes.
+    """Select the frames of a recording that a sensor captures.
 
-    A recording at (nearly) the sensor's rate or below is seen frame by frame; a faster one is thinned to the frames
-    nearest to the sensor's ticks. With jitter it is always thinned, each frame at most once.
+    All frames of a recording at (nearly) the sensor's rate or below; a faster one is decimated to the frames nearest to
+    the sensor's ticks. With jitter it is always resampled, each frame at most once.
 
     Args:
         times_s: Times of the recording's frames, shape (N,), seconds.
-        rate_hz: Greatest rate of the sensor.
-        jitter_s: Frames come later than at the nominal rate by 0 to this.
-        rng: Source of randomness.
+        rate_hz: Maximum rate of the sensor.
+        jitter_s: Maximum of the uniform delay relative to the nominal rate.
+        rng: Random generator.
 
     Returns:
-        Their indices, increasing.
+        Indices of the frames, increasing.
     """
     if jitter_s > 0:
         most = int((times_s[-1] - times_s[0]) * rate_hz) + 2
@@ -108,13 +108,13 @@ def frames_taken(times_s: FloatArray, rate_hz: float, jitter_s: float, rng: np.r
 
 
 def arrivals(times_s: FloatArray, latency_s: float, timing: Timing, rng: np.random.Generator) -> FloatArray:
-    """When frames would arrive if none waited for another.
+    """Arrival times of frames, before in-order delivery.
 
     Args:
         times_s: True capture times, shape (N,), seconds.
-        latency_s: Least latency.
-        timing: Its jitter.
-        rng: Source of randomness.
+        latency_s: Minimum latency.
+        timing: Jitter of the latency.
+        rng: Random generator.
 
     Returns:
         Shape (N,), seconds.
@@ -123,12 +123,12 @@ def arrivals(times_s: FloatArray, latency_s: float, timing: Timing, rng: np.rand
 
 
 def stamps(times_s: FloatArray, timing: Timing, rng: np.random.Generator) -> FloatArray:
-    """Capture times as the sensor stamps them.
+    """Stamped capture times.
 
     Args:
         times_s: True capture times, shape (N,), seconds.
         timing: Error of the stamps.
-        rng: Source of randomness.
+        rng: Random generator.
 
     Returns:
         Shape (N,), seconds.

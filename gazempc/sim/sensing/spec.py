@@ -21,7 +21,7 @@ from gazempc.sim.sensing.tables import (
 
 
 class SensorSpec(BaseModel):
-    """A sensor that tracks people, at the origin of the base frame. All its errors are independent and add up."""
+    """A sensor that tracks people, at the origin of the base frame. Its errors are independent and additive."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -67,7 +67,7 @@ class SensorSpec(BaseModel):
 
     @property
     def each_axis_sd_m(self) -> float:
-        """Standard deviation of white error and wander on each axis, without that along and across, metres."""
+        """Standard deviation of isotropic white error and wander, without errors along and across, metres."""
         return math.hypot(self.position_noise_m, self.position_wander_m)
 
     @property

@@ -1,4 +1,4 @@
-"""The tables of a sensor file: each states one kind of error; the defaults mean no error."""
+"""The tables of a sensor file: one kind of error each; no error by default."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class _Table(BaseModel):
 class SightError(_Table):
     """White error and wander on an axis of the line of sight.
 
-    The part in metres and the part that grows with the range are one process: their variances add.
+    The constant part and the part proportional to the range are one process: their variances add.
     """
 
     noise_m: float = Field(default=0.0, ge=0, le=5, description="White error, s.d., metres")
@@ -34,7 +34,7 @@ class SightError(_Table):
 
     @property
     def depends_on_sight(self) -> bool:
-        """Whether there is such an error."""
+        """Whether the error is nonzero."""
         return any((self.noise_m, self.wander_m, *self._shares))
 
     def sds_m(self, range_m: FloatArray) -> FloatArray:
@@ -67,7 +67,7 @@ class AcrossError(SightError):
 
 
 class Bouts(_Table):
-    """Bouts of an error: the time between two bouts is exponential, the duration of each is uniform."""
+    """Bouts of an error, with exponential intervals and uniform durations."""
 
     mean_interval_s: float = Field(
         default=math.inf,
@@ -84,7 +84,7 @@ class Bouts(_Table):
 
 
 class Jumps(Bouts):
-    """The track jumps aside: by a random size, in a random direction of space, for a random time."""
+    """Jumps of the track: random size, direction and duration."""
 
     size_min_m: float = Field(default=0.0, ge=0, le=10, description="Smallest jump, metres")
     size_max_m: float = Field(default=0.0, ge=0, le=10, description="Largest jump, metres")
@@ -99,7 +99,7 @@ class Jumps(Bouts):
 
 
 class OtherPerson(_Table):
-    """From time to time the track switches to another person, who stays to the left as the sensor sees it."""
+    """Periodic switches of the track to another person, at a constant offset to the left of the line of sight."""
 
     aside_m: float = Field(
         default=1.0, gt=0, le=10, description="Horizontal distance of the two, across the line of sight"
@@ -120,12 +120,12 @@ class OtherPerson(_Table):
 
     @property
     def is_there(self) -> bool:
-        """Whether the other person is ever shown."""
+        """Whether there are switches."""
         return self.shown_s > 0 and self.every_s < math.inf
 
 
 class YawError(_Table):
-    """Error of one yaw, also while that part of the person faces away from the sensor."""
+    """Error of one yaw, with additional errors while this body part faces away from the sensor."""
 
     reported: bool = Field(default=True, description="False: the sensor does not see this orientation")
     noise_deg: float = Field(default=0.0, ge=0, le=90, description="White error, s.d., degrees")
@@ -183,11 +183,11 @@ class FieldOfView(_Table):
 
     @property
     def limited(self) -> bool:
-        """Whether anything is out of view."""
+        """Whether the field of view is limited."""
         return self.horizontal_deg < 360.0 or self.vertical_deg < 180.0
 
     def contains(self, positions_m: FloatArray) -> BoolArray:
-        """Where a head is in view.
+        """Mask of the heads in view.
 
         Args:
             positions_m: Heads in the sensor's frame: x forward, y left, z up; shape (N, 3), metres.

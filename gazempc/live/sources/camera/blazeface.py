@@ -141,7 +141,7 @@ def anchors() -> FloatArray:
 
 
 def decoded(raw: FloatArray, at: FloatArray) -> FloatArray:
-    """What the network's numbers mean.
+    """Decode the output of the network.
 
     Args:
         raw: Middle, size and six key points from the anchor, in pixels of the network's picture, shape (n, 16).
@@ -166,7 +166,7 @@ def _cut(cv2: Any, picture: Any, corner_px: tuple[int, int], side_px: int) -> An
 
 
 def _one_each(found: FloatArray, scores: FloatArray) -> list[Face]:
-    """Boxes of one face become one, their mean by score: steadier than the best one alone."""
+    """Non-maximum suppression with score-weighted mean of overlapping boxes: less noise than the best box."""
     faces = []
     left = np.argsort(-scores)
     while left.size:
@@ -180,7 +180,7 @@ def _one_each(found: FloatArray, scores: FloatArray) -> list[Face]:
 
 
 def shared(middle_px: FloatArray, size_px: FloatArray, middles_px: FloatArray, sizes_px: FloatArray) -> FloatArray:
-    """Which share of their common area a box and others have in common.
+    """Intersection over union of a box with others.
 
     Args:
         middle_px: Middle of the box, shape (2,).

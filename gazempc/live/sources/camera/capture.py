@@ -1,4 +1,4 @@
-"""Pictures with their time of capture: from a camera, a stream, a video file, or a camera of your own."""
+"""Pictures with their time of capture: from a camera, a stream, a video file, or a user-defined camera."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class CameraOptions(Settings):
 _STAMP_AGE_MAX_S = 1.0
 # How long to wait before a camera that gives no picture is opened again.
 _RETRY_S = 1.0
-# A network camera without a picture for so long, or with one and the same, stands still.
+# Timeouts of a network camera: without a picture, and with an unchanged picture.
 _SILENT_S, _SAME_S = 2.0, 1.0
 # A stream that is later than its fastest picture of the last minute by this much falls behind.
 _LAG_S, _LAG_OVER_S = 0.5, 60.0
@@ -151,7 +151,7 @@ class VideoFile:
 
 
 class StreamWatch:
-    """Finds a stream that stands still, and one that falls behind by its own time stamps."""
+    """Detects a frozen stream, and growing latency by its own time stamps."""
 
     def __init__(self) -> None:
         self._picture, self._since_s, self.frozen = b"", -math.inf, False
@@ -307,7 +307,7 @@ class OwnCamera:
         own: Values for parameters of its constructor, by name.
 
     Raises:
-        SettingsError: If it cannot be made, or a method is missing.
+        SettingsError: If it cannot be constructed, or a method is missing.
     """
 
     def __init__(self, choice: str, own: Mapping[str, Any] | None = None) -> None:
@@ -329,14 +329,14 @@ def open_pictures(address: str, options: CameraOptions, own: Mapping[str, Any] |
     Args:
         address: A number or nothing for the first camera, a device, a video file, a stream's URL, or module:Class.
         options: What to ask of it.
-        own: Values for the constructor of a camera of your own.
+        own: Values for the constructor of a user-defined camera.
 
     Returns:
         Its pictures.
 
     Raises:
         SourceError: If it cannot be opened.
-        SettingsError: If a camera of your own cannot be made.
+        SettingsError: If a user-defined camera cannot be constructed.
         MissingOptionalDependencyError: If OpenCV is not installed.
     """
     if is_own(address):

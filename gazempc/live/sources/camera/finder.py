@@ -1,4 +1,4 @@
-"""Faces in pictures, followed from picture to picture."""
+"""Detection and tracking of faces in pictures."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gazempc.live.sources.camera.intrinsics import Intrinsics
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
-# A cut-out is so many widths of a face: the network then sees it as large as it was trained with, and a face that has
-# moved by half its width or so is still in it.
+# Side of the search window in widths of the face: the scale of the network's training data, with room for a motion of
+# about half a width.
 _ROOM = 2.5
 # Squares of this share of the picture's height, half a square apart, are searched in turn: a face 4 m away (24 of 640
 # pixels, with 60 degrees in view) is still found in them. A face nearer than 1 m is larger than their overlap. It is
@@ -29,20 +29,20 @@ _NEW_SCORE, _SURE_SCORE, _KNOWN_SCORE = 0.4, 0.5, 0.35
 # Hair, necks and bald heads from behind score as high as faces, in up to three pictures of a video in a row, but their
 # mirror images do not: at this score 22 % of them pass, and 76 % of faces of 20 to 50 pixels (labelled pedestrians).
 _MIRRORED_SCORE = 0.4
-# A new face is handed on after so many pictures in a row, and so long. Key points alone separate them badly.
+# Confirmation of a new face: consecutive pictures, and duration. Key points alone discriminate badly.
 _CONFIRMED_BY, _CONFIRMED_S = 3, 0.2
 # A face that is followed is checked by its mirror image, too, where it is this unsure: the person may turn away.
 _UNSURE_SCORE, _UNSURE_MIRRORED_SCORE = 0.5, 0.3
-# Farther than 8 m, with 640 pixels of 60 degrees: enlarged so much, noise looks like a face.
+# Minimum width of a face (8 m, with 640 pixels of 60 degrees): smaller ones are confused with magnified noise.
 _LEAST_PX = 12
-# As long as this a person keeps the name, and is looked for at the place; on a slow computer until the next picture.
+# Lifetime of a track without detections; on a slow computer at least until the next picture.
 _REMEMBERED_S = 1.0
 # A face that is found again is the same one within this many of its widths, and this change of its width.
 _SAME_WIDTHS, _SAME_CHANGE = 3.0, 1.5
 
 
 class Detector(Protocol):
-    """What finds faces in a square of a picture, as `gazempc.live.sources.camera.blazeface.BlazeFace` does."""
+    """Face detector for a square of a picture, such as `gazempc.live.sources.camera.blazeface.BlazeFace`."""
 
     def faces(
         self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
@@ -52,16 +52,16 @@ class Detector(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """A person who is followed.
+    """Track of a face.
 
     Attributes:
         person_id: The name; empty until the face is confirmed.
-        face: The face when it was last found.
-        seen_s: When that was, seconds.
-        velocity_px_s: How the face moved then, shape (2,).
-        side_px: Side of the cut-out in which it was found.
-        since_s: When it was first found, seconds.
-        pictures: In how many pictures.
+        face: The last detection.
+        seen_s: Time of the last detection, seconds.
+        velocity_px_s: Velocity in the picture, shape (2,).
+        side_px: Side of the search window of the last detection.
+        since_s: Time of the first detection, seconds.
+        pictures: Number of detections.
     """
 
     person_id: str
@@ -78,7 +78,7 @@ class Followed:
         return float(max(self.face.box_px[2:]))
 
     def middle_at(self, time_s: float) -> FloatArray:
-        """Where the middle of the face is likely to be, shape (2,), pixels."""
+        """Predicted centre of the face, shape (2,), pixels."""
         return self.face.box_px[:2] + (time_s - self.seen_s) * self.velocity_px_s
 
 
@@ -97,14 +97,14 @@ class FaceFinder:
         self._latest_s = -math.inf
 
     def see(self, picture: Any, time_s: float) -> list[Followed]:
-        """Take one picture in.
+        """Process one picture.
 
         Args:
             picture: RGB, shape (height, width, 3), uint8.
-            time_s: When it was captured, seconds; later than the last one.
+            time_s: Capture time, seconds; strictly increasing.
 
         Returns:
-            Whose faces are in it.
+            The tracks with a face in it.
         """
         since_s = min(time_s - _REMEMBERED_S, self._latest_s)
         self._latest_s = time_s
@@ -113,7 +113,7 @@ class FaceFinder:
         lost: list[Followed] = []
         for person in known:
             found = self._follow(picture, person, time_s)
-            # Two names may not be of one face: it is the older name's.
+            # Duplicate tracks of one face: the older one is kept.
             if found is not None and not any(_overlap(found[0], other.face) for other in here):
                 here.append(self._found(person, *found, time_s))
             elif person.person_id:
@@ -142,7 +142,7 @@ class FaceFinder:
             return found if self._is_face_mirrored(picture, found[0], score_min) else None
         if not person.person_id or person.seen_s < time_s - 0.5 * _REMEMBERED_S:
             return None
-        # The head that carries the camera has turned: once more, in a larger square.
+        # The camera may have turned with the head: repeat in a larger window.
         side_px = _square_px(picture.shape[0])
         for face in self._detector.faces(picture, _corner(middle_px, side_px), side_px, _NEW_SCORE):
             if _same(face, [person], time_s):
@@ -152,7 +152,7 @@ class FaceFinder:
     def _closely(
         self, picture: Any, middle_px: FloatArray, width_px: float, score_min: float, mirrored: bool = False
     ) -> tuple[Face, int] | None:
-        """The face at a place, and the side of the cut-out in which it was found."""
+        """The face near a position, and the side of its search window."""
         side_px = max(round(_ROOM * width_px), 8)
         faces = self._detector.faces(picture, _corner(middle_px, side_px), side_px, score_min, mirrored)
         height, width = picture.shape[:2]
@@ -217,12 +217,12 @@ def _corner(middle_px: FloatArray, side_px: int) -> tuple[int, int]:
 
 
 def _overlap(one: Face, other: Face) -> bool:
-    """Whether the middle of one face is in the other one."""
+    """Whether the centre of one face is inside the other one."""
     return bool(np.all(np.abs(one.box_px[:2] - other.box_px[:2]) < 0.5 * np.maximum(one.box_px[2:], other.box_px[2:])))
 
 
 def _same(face: Face, lost: list[Followed], time_s: float) -> Followed | None:
-    """Who of those that were lost this is: the nearest."""
+    """Re-identification: the nearest lost track."""
     width_px = float(max(face.box_px[2:]))
 
     def away(person: Followed) -> float:
@@ -234,11 +234,11 @@ def _same(face: Face, lost: list[Followed], time_s: float) -> Followed | None:
 
 
 class FaceSensor:
-    """Observes all people whose faces are found.
+    """Observes all people with detected faces.
 
     Args:
         detector: Finds faces in a square of a picture.
-        intrinsics: Which way each pixel looks.
+        intrinsics: Camera intrinsics.
     """
 
     def __init__(self, detector: Detector, intrinsics: Intrinsics) -> None:

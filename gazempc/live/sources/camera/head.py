@@ -1,4 +1,4 @@
-"""Where a head is, and where it faces, from the key points of its face."""
+"""Pose estimation of a head from the key points of its face."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _FACE_M = np.array(
         [-0.085, 0.070, -0.022],
     ]
 )
-# Faces differ from the mean one by so much at each point, beyond their size. The network finds ears less well.
+# Standard deviation of face shape at each point, apart from size. The network locates ears less accurately.
 _SHAPE_SD_M = np.array([0.003, 0.003, 0.006, 0.006, 0.012, 0.012])
-# How exactly the network finds a point, as a share of the side of the square in which it looks.
+# Standard deviation of the network's points, as a share of the side of its input square.
 POINT_SD = 0.01
 # Below this score, such as of faces turned away by 60 degrees, points are worse than that: at 0.4 twice as bad.
 _SURE_SCORE = 0.7
@@ -37,7 +37,7 @@ _YAW_SD_RAD, _PITCH_SD_RAD, _ROLL_SD_RAD = math.radians(35.0), math.radians(12.0
 # The face's own geometry limits a bearing: the point between the eyes is not a mark on the skin.
 _BEARING_SD_M = 0.004
 _BEARING_SD_RAD = math.radians(0.08)
-# A yaw that is known less well than this helps no forecast.
+# Largest standard deviation of a yaw that is useful for forecasts.
 _YAW_SD_MAX_RAD = math.radians(20.0)
 
 
@@ -46,13 +46,13 @@ def head_from_points(
 ) -> HeadObservation:
     """Fit the mean face to the key points of a face.
 
-    The most likely pose, by least squares: errors of the points against what is known of heads before.
+    Maximum a posteriori pose by nonlinear least squares: reprojection errors plus a prior of head poses and sizes.
 
     Args:
-        rays: Where the key points are seen: left and up of the line of view, as tangents, shape (6, 2).
+        rays: Normalised image coordinates of the key points, positive left and up, shape (6, 2).
         point_sd: Standard deviation of the network's errors, as a tangent.
-        score: How sure the network is that this is a face.
-        time_s: When the picture was captured, seconds.
+        score: Confidence of the detection.
+        time_s: Capture time of the picture, seconds.
         person_id: Name of the person.
 
     Returns:
@@ -60,7 +60,7 @@ def head_from_points(
         long along the line of sight; its orientation where the face shows it.
     """
     eyes = rays[:2].mean(axis=0)
-    # As large as it looks, the mean face is so far away.
+    # Initial range from the apparent size of the mean face.
     range_m = math.sqrt(_FACE_M[:, 1:].var(axis=0).sum() / rays.var(axis=0).sum())
     towards_rad = math.atan(eyes[0])
     doubt = max(1.0, _SURE_SCORE / score)

@@ -1,4 +1,4 @@
-"""Which way each pixel looks: from a field of view, or from a calibration by OpenCV."""
+"""Camera intrinsics, from a field of view or from a calibration by OpenCV."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Intrinsics:
     distortion: FloatArray
 
     def rays(self, points_px: FloatArray) -> FloatArray:
-        """Where pixels look.
+        """Back-project pixels to viewing rays.
 
         Args:
             points_px: Columns and rows, shape (n, 2), pixels.
 
         Returns:
-            Left and up of the line of view, as tangents, shape (n, 2).
+            Normalised image coordinates, positive left and up, shape (n, 2).
         """
         if self.distortion.size:
             cv2 = import_opencv()
@@ -65,7 +65,7 @@ class Intrinsics:
 
 
 def from_field_of_view(fov_deg: float, width: int, height: int) -> Intrinsics:
-    """A camera without distortion, with square pixels, that looks through the middle of its picture.
+    """A camera without distortion, with square pixels and a centred principal point.
 
     Args:
         fov_deg: Horizontal field of view, degrees.

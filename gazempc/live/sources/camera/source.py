@@ -27,7 +27,7 @@ _ENDS_WITHIN_S = 3.0
 
 
 class CameraSource:
-    """Finds faces in the pictures of a camera, in a process of its own, and names each while it is followed.
+    """Detects and tracks faces in the pictures of a camera, in a separate process.
 
     Positions are those of the point between the eyes, in the camera's frame: x along the view, y left, z up. They state
     their covariance: the direction is known well, the distance by the size of the face. Without a person in view it
@@ -38,7 +38,7 @@ class CameraSource:
             camera of your own.
         options: What to ask of it.
         clock: The loop's clock.
-        own: Values for the constructor of a camera of your own.
+        own: Values for the constructor of a user-defined camera.
 
     Attributes:
         half_view_rad: Half of the pictures' width and height, radians; None before the first picture.

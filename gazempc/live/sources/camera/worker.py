@@ -31,7 +31,7 @@ _BUSY = 0.6
 
 
 class FaceRate:
-    """Judges the pictures of the last four seconds, once in a run."""
+    """Checks the rate of detected faces over the last four seconds, once in a run."""
 
     def __init__(self) -> None:
         self._pictures: deque[tuple[float, bool, float]] = deque()
@@ -39,7 +39,7 @@ class FaceRate:
         self._first_s: float | None = None
 
     def judge(self, captured_s: float, found: bool, search_s: float) -> str:
-        """Take note of a picture.
+        """Add a picture.
 
         Args:
             captured_s: When it was captured, seconds; later than the one before.
@@ -76,7 +76,7 @@ class FaceRate:
         )
 
 
-# So many pixels and pictures are enough to see who is there, and cost the run next to nothing.
+# Size and rate of small pictures for viewers, at negligible cost for the run.
 _WIDTH_PX = 320
 _QUALITY = 60
 _PERIOD_S = 0.2
@@ -126,7 +126,7 @@ def serve(parent: Connection, address: str, options: CameraOptions, shows: bool,
         options: What to ask of the camera.
         parent: Where messages go.
         shows: Whether small pictures go there, too.
-        own: Values for the constructor of a camera of your own.
+        own: Values for the constructor of a user-defined camera.
     """
     # The camera is let go in order.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))

@@ -73,7 +73,7 @@ def read_parts(columns: Columns, mapping: ColumnMapping) -> tuple[FloatArray, Tr
 
 
 def ros_frame(columns: Columns, mapping: ColumnMapping) -> str | None:
-    """Name of the ROS frame that the positions are in; None where the mapping names no column with it."""
+    """Name of the ROS frame that the positions are in; None if the mapping names no column with it."""
     names = [] if mapping.frame_id is None else columns.table.texts(columns.one(mapping.frame_id))
     return names[0] if names else None
 
@@ -88,7 +88,7 @@ def orientations(columns: Columns, mapping: ColumnMapping, part: str, axes: str)
         axes: Axes of the table's frame.
 
     Returns:
-        Shape (N, 4), w, x, y, z; NaN where unknown; None if the mapping has none.
+        Shape (N, 4), w, x, y, z; NaN if unknown; None if the mapping has none.
 
     Raises:
         RecordingError: If a column is missing or holds no such values.

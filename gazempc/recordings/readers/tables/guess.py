@@ -29,7 +29,7 @@ def guess(table: RawTable) -> tuple[ColumnMapping, list[str]] | None:
         table: The table.
 
     Returns:
-        The mapping and what of it the file does not determine; None where no column could be the time, or none or
+        The mapping and what of it the file does not determine; None if no column could be the time, or none or
         several points the head.
 
     Raises:

@@ -47,7 +47,7 @@ def people_in_header(table: RawTable, head: str) -> list[str]:
 
 
 def choose_from_header(table: RawTable, names: list[str], wanted: str | None) -> tuple[str, list[str]]:
-    """Whose columns are read.
+    """Select the person by names in the header.
 
     Args:
         table: The table.
@@ -79,7 +79,7 @@ def choose_from_header(table: RawTable, names: list[str], wanted: str | None) ->
 def rows_of_person(
     table: RawTable, column: str, known: BoolArray, wanted: str | None
 ) -> tuple[BoolArray, str, list[str]]:
-    """Which rows are one person's.
+    """Select the rows of one person.
 
     Args:
         table: The table.

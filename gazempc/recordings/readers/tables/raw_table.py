@@ -88,7 +88,7 @@ class RawTable:
         return np.array(values, dtype=np.float64)
 
     def unit(self, name: str) -> str | None:
-        """Unit of a column: the file's, or the one in its name; None where neither has one."""
+        """Unit of a column: the file's, or the one in its name; None if neither has one."""
         return self.units.get(name) or split_unit(name)[1]
 
     def _column(self, name: str) -> Sequence[str] | FloatArray:
@@ -139,7 +139,7 @@ _LANDMARK = re.compile(
     r"(landmark|joint|key_?point|body_?part|marker|bone|segment)(_?(id|name|index|no|nr|number))?", re.I
 )
 _AXIS = re.compile(r"(?P<kind>pos|position)?[._ ]?(?P<axis>[xyz])", re.I)
-# Of one landmark only: what else stands in a row, such as a time, is the frame's.
+# Columns that belong to one landmark; all others in a row, such as a time, belong to the frame.
 _OF_LANDMARK = re.compile(r"(visibility|presence|confidence|score|likelihood|type)", re.I)
 
 

@@ -204,7 +204,7 @@ def in_metres(columns: Columns, text: str, what: str) -> FloatArray:
 
 
 def direction(columns: Columns, text: str, what: str) -> FloatArray:
-    """Where the points with plus are, seen from those with minus.
+    """Difference vector from the points with minus to those with plus.
 
     Args:
         columns: Columns of the table.
