@@ -148,7 +148,6 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(protocol, tm
     share = in_zone(gz.load_log(tmp_path / summary["logs"][0]))
     latency_ms = summary["end_to_end_latency_ms"]["p50"]
     print(f"{protocol}: {100 * share:.0f} % of the observations in the zone, {latency_ms:.0f} ms")
-    # The person walks to and fro without a rest; 59 to 65 % at 325 ms on two idle cores. A busy machine renders late: 40 %
-    # at 390 ms.
+    # The person walks to and fro without a rest: 59 to 65 % at 325 ms on two idle cores, 40 % at 390 ms on busy ones.
     keeps_pace = latency_ms < 340.0 and not {"low_frame_rate", "stream_frozen", "part_slow"} & set(summary["events"])
     assert share > 0.4 or not keeps_pace, (share, latency_ms)
