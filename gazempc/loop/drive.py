@@ -108,7 +108,7 @@ class Drive:
             offset_rad: As in `outgoing`.
 
         Returns:
-            Both, shapes (M, N) and (N,), radians; copies.
+            Both, shapes (M, N) and (N,), radians; the commands are a copy.
         """
         if not self._speeds:
             return sent_rad.copy(), offset_rad
