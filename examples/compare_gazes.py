@@ -1,4 +1,4 @@
-"""Compare controllers over some walks, in ten lines. Many walks: `python -m experiments.compare`."""
+"""Compare controllers on two walks, in ten lines; `python -m experiments.compare` is for many walks."""
 
 import numpy as np
 

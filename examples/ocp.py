@@ -1,4 +1,4 @@
-"""The MPC's optimal control problem in direct form, solved by CasADi's Opti and IPOPT, with the solution of `gz.Mpc`.
+"""The MPC in forty lines of CasADi: its optimal control problem in Opti, solved by IPOPT, compared with `gz.Mpc`.
 
 A joint at rest has a step reference of 12 deg after one dead time. Compare `gazempc/controllers/mpc/problem.py`.
 """
@@ -13,7 +13,7 @@ neck = gz.load_neck("reference")
 wn, zeta, period_s, h = 12.0, 0.9, 0.02, 0.005  # servo; control and servo period
 T, T_j, rho = 0.12, 0.025, 300.0  # smoothing time, time constant of the jerk weight, slack penalty
 steps = [1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 3, 3, 4, 5, 6, 7]  # step lengths in control periods (move blocking)
-most = neck.command_limits  # limits of the command; the servo overshoots by 0.15 %
+limits = neck.command_limits  # limits of the command; the servo overshoots by 0.15 %
 
 
 def follow(z, j, seconds):
@@ -36,13 +36,13 @@ def solve(z0, r):
         a = wn**2 * (u - q) - 2 * zeta * wn * v
         cost += (length + after) / 2 * ((q - r[k]) ** 2 + T**4 * a**2) + T_j**6 * length * j[k] ** 2
         middle = du + after * period_s / 2 * ddu
-        shares = (
-            u / most.position_max_rad[0],
-            middle / most.velocity_max_rad_s[0],
-            ddu / most.acceleration_max_rad_s2[0],
+        ratios = (
+            u / limits.position_max_rad[0],
+            middle / limits.velocity_max_rad_s[0],
+            ddu / limits.acceleration_max_rad_s2[0],
         )
-        opti.subject_to(opti.bounded(-1 - slack[:, k], ca.vertcat(*shares), 1 + slack[:, k]))
-    opti.subject_to(opti.bounded(-most.jerk_max_rad_s3[0], j, most.jerk_max_rad_s3[0]))
+        opti.subject_to(opti.bounded(-1 - slack[:, k], ca.vertcat(*ratios), 1 + slack[:, k]))
+    opti.subject_to(opti.bounded(-limits.jerk_max_rad_s3[0], j, limits.jerk_max_rad_s3[0]))
     opti.subject_to(ca.vec(slack) >= 0)
     opti.minimize(1e4 * (cost + rho * ca.sum1(ca.vec(slack))))
     opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes", "tol": 1e-10})

@@ -1,4 +1,4 @@
-"""A predictor from another library in ten lines: filterpy's g-h filter, with velocity decay (time constant 2 s)."""
+"""A predictor from another library in ten lines: the g-h filter of filterpy, with velocity decay (time constant 2 s)."""
 
 import numpy as np
 from filterpy.gh import GHFilter

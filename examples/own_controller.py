@@ -1,4 +1,4 @@
-"""A controller of your own: look where the head will be one second from now."""
+"""A custom controller: aim at the head position forecast for one second ahead."""
 
 import numpy as np
 

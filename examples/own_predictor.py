@@ -1,4 +1,4 @@
-"""A predictor of your own: extrapolation with the mean velocity of the last 0.3 s."""
+"""A custom predictor: extrapolation with the mean velocity of the last 0.3 s."""
 
 import numpy as np
 

@@ -4,7 +4,7 @@ import numpy as np
 
 import gazempc as gz
 
-# 30 frames a second for 5 s at 1.3 m/s: straight on, then a quarter of a circle of 1 m, then straight on.
+# 30 frames a second for 5 s at 1.3 m/s: straight, a quarter circle of radius 1 m, then straight.
 times_s = np.arange(150) / 30
 turned_rad = np.clip(1.3 * (times_s - 1.5), 0.0, np.pi / 2)
 velocity_m_s = 1.3 * np.stack([np.cos(turned_rad), np.sin(turned_rad), 0 * times_s], axis=1)

@@ -1,10 +1,10 @@
-"""A robot of your own on the command line.
+"""A custom robot on the command line.
 
-The same from a shell, in the folder of this file:
+The equivalent shell command, in the folder of this file:
 
     python -m gazempc.live --source replay --robot own_robot:MyNeck --simulated-clock --options.offset_deg 1.5
 
-The dead time is 0.4 s in the neck file `reference` and 0.1 s on this neck. Identify it, and use the file with --neck:
+The dead time is 0.4 s in the neck file `reference` but 0.1 s on this neck. Identify it, and pass the file by --neck:
 
     python -m gazempc.identify --robot own_robot:MyNeck --out my_neck.toml
 """
@@ -19,7 +19,7 @@ from gazempc.live.session import main
 
 
 class MyNeck:
-    """A robot has four methods. Two simulated servos with 0.1 s of dead time replace the driver here.
+    """A robot has four methods. Here two simulated servos with 0.1 s of dead time replace the driver.
 
     Arguments of the constructor are supplied by name: `neck`, `clock_s`, `clock`, `position_rad`, `seed`. Others come
     from --options.
@@ -31,7 +31,7 @@ class MyNeck:
     def __init__(self, neck: gz.NeckSpec, clock_s, position_rad, offset_deg: float = 0.0):
         self.neck, self.clock_s, self.offset_rad = neck, clock_s, np.radians(offset_deg)
         self.joint_rad, self.joint_rad_s = np.array(position_rad), np.zeros(2)
-        self.on_the_way = deque([self.joint_rad] * round(0.1 * neck.servo_rate_hz))
+        self.pending = deque([self.joint_rad] * round(0.1 * neck.servo_rate_hz))
 
     def connect(self):
         pass  # raise gazempc.errors.RobotError with advice if the robot does not respond
@@ -41,9 +41,9 @@ class MyNeck:
 
     def send_command(self, position_rad):
         sent_rad = np.clip(position_rad, self.neck.position_min_rad, self.neck.position_max_rad)
-        self.on_the_way.append(sent_rad)
-        pull_rad = self.on_the_way.popleft() - self.joint_rad
-        self.joint_rad_s = self.joint_rad_s + self.neck.servo_period_s * (144.0 * pull_rad - 21.6 * self.joint_rad_s)
+        self.pending.append(sent_rad)
+        error_rad = self.pending.popleft() - self.joint_rad
+        self.joint_rad_s = self.joint_rad_s + self.neck.servo_period_s * (144.0 * error_rad - 21.6 * self.joint_rad_s)
         self.joint_rad = self.joint_rad + self.neck.servo_period_s * self.joint_rad_s
         return sent_rad  # the command actually sent
 

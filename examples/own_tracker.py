@@ -1,4 +1,4 @@
-"""A tracker of your own drives a neck: your program calls `see`, the package moves the neck."""
+"""A custom tracker drives a neck: your program calls `see`, and the package moves the neck."""
 
 import math
 import time
@@ -15,12 +15,12 @@ def tracker(seconds):
         time.sleep(1 / 30)
 
 
-# The robot is simulated here. Use your neck file, and the name of your robot or an object of your own class.
+# The robot is simulated here. Use your neck file, and the name of your robot or an object of a custom class.
 with gz.Gaze("reference", "simulated") as gaze:
     for time_s, head_m in tracker(seconds=3.0):
         gaze.see(time_s, head_m)  # Unix time of the capture; metres, x forward, y left, z up
 
-# The neck was braked within its limits, and the robot closed.
+# At the end of the block the neck was braked within its limits, and the robot closed.
 log = gaze.log()
 metrics = gz.measure(log)
 print(f"followed to the left: {log.joint_position_rad[:, 0].max() > 0.2}")

@@ -1,4 +1,4 @@
-"""Read a log: one array a field, with a common time array for each rate. `numpy.load` reads the file, too."""
+"""Read a log: one array per field, with a common time array for each rate. `numpy.load` also reads the file."""
 
 import numpy as np
 

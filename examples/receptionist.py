@@ -8,7 +8,7 @@ import gazempc as gz
 
 # MuJoCo (extra `mujoco`), "simulated" without extras, or the name of your robot, with your neck file.
 ROBOT = "mujoco"
-FACING = [0.0, 0.0, 0.0, 1.0]  # w, x, y, z: facing the robot
+FACING = [0.0, 0.0, 0.0, 1.0]  # w, x, y, z: turned towards the robot
 
 
 def visitors(seconds):
@@ -21,8 +21,8 @@ def visitors(seconds):
         time.sleep(1 / 30)
 
 
-calm = {"hysteresis_s": 0.3, "dwell_s": 1.0}
-with gz.Gaze("reference", ROBOT, attend="engaged", attention=calm, look_away={"rhythm": "listening"}) as gaze:
+attention = {"hysteresis_s": 0.3, "dwell_s": 1.0}
+with gz.Gaze("reference", ROBOT, attend="engaged", attention=attention, look_away={"rhythm": "listening"}) as gaze:
     # After a question by Bob: think, then answer.
     threading.Timer(3.0, lambda: (gaze.think(1.2), gaze.look_away("speaking"))).start()
     for time_s, heads_m in visitors(seconds=6.0):

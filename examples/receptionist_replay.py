@@ -1,4 +1,4 @@
-"""The receptionist on a recording: two people, or a ROS 2 bag, in ten lines."""
+"""The receptionist on two recordings, or on a ROS 2 bag, in ten lines."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Vary a setting from Python. Many settings over many walks, on all processors: `python -m experiments.sweep`."""
+"""Vary a setting from Python; `python -m experiments.sweep` varies several over many walks, on all processors."""
 
 import gazempc as gz
 

@@ -1,6 +1,6 @@
-"""Two Dynamixel motors as pan and tilt, from a data sheet; and what a longer dead time, as of a slow bus, would cost.
+"""Pan and tilt by two Dynamixel motors, from a data sheet, and the cost of a longer dead time, as of a slow bus.
 
-`dynamixel_pan_tilt.toml` beside this file was made by `gazempc identify --new`. On the motors:
+`gazempc identify --new` wrote `dynamixel_pan_tilt.toml` beside this file. With the motors:
 
     gazempc identify --robot dynamixel --options.dynamixel.port /dev/ttyUSB0 --neck dynamixel_pan_tilt.toml --out mine.toml
     gazempc live --source camera --robot dynamixel --options.dynamixel.port /dev/ttyUSB0 --neck mine.toml

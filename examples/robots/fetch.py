@@ -1,6 +1,6 @@
 """Fetch: pan and tilt of the head, with the geometry and speeds of its URDF, while a person walks past and turns.
 
-On the robot, with people from a ROS4HRI tracker and commands for ros2_control; Fetch's tilt is positive down:
+On the robot, with a ROS4HRI tracker and ros2_control; Fetch's tilt is positive down:
 
     gazempc live --source ros4hri --options.ros2.base-frame torso_lift_link --robot ros2 --neck fetch \
         --options.ros2.joint-names head_pan_joint head_tilt_joint --options.ros2.joint-signs 1 -1

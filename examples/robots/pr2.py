@@ -1,6 +1,6 @@
-"""PR2 in MuJoCo: the live program drives a physical model of the head, generated from the neck file.
+"""PR2 in MuJoCo: the live program drives a physics model of the head, generated from the neck file.
 
-On the robot, `--robot ros2` with the options of `fetch.py` in place of `--robot mujoco`, and a tracker in place of
+On the robot, use `--robot ros2` with the options of `fetch.py` in place of `--robot mujoco`, and a tracker in place of
 `--source replay`. Without `--simulated-clock` the same run takes real time.
 """
 

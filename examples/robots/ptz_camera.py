@@ -1,8 +1,8 @@
-"""A pan-tilt-zoom camera, which takes speeds, keeps a walking person in the middle of its picture.
+"""A pan-tilt-zoom camera with velocity commands keeps a walking person in the middle of its picture.
 
-The neck file `ptz` has the top speeds of a Sony EVI-D30 and a dead time of 0.3 s. On a camera, by VISCA or ONVIF:
+The neck file `ptz` has the top speeds of a Sony EVI-D30 and a dead time of 0.3 s. With a camera, by VISCA or ONVIF:
 gazempc live --robot visca:HOST --source camera:rtsp://HOST/1 --neck my_camera.toml
-Without one: gazempc live --robot visca:emulator --source camera:emulator --view web
+Without a camera: gazempc live --robot visca:emulator --source camera:emulator --view web
 """
 
 import numpy as np
