@@ -16,7 +16,7 @@ _STEP_S = 0.01
 _PIECE_S, _PIECES = 1.0, 10
 # The minimum delay is estimated by the 1/5 quantile, robust to single wrong stamps.
 _SOONEST_SHARE = 5
-# Crystals differ by 0.1 ms a second, and NTP corrects by 0.5. Less than this is no drift; nor is what noise may be.
+# Crystals differ by 0.1 ms a second, and NTP corrects by 0.5. Smaller slopes, or slopes within the noise, are no drift.
 _DRIFT_LEAST, _DRIFT_PIECES, _DRIFT_ERRORS, _SOONEST_ERROR_S = 0.002, 4, 5.0, 0.001
 # Thresholds of a step of the other clock to shorter and to longer delays, beyond delays of trackers.
 _SET_BACK_S, _SET_ON_S = 0.15, 2.0

@@ -103,7 +103,7 @@ class Mount(Settings):
         shift_m = np.array(self.position_m)
         if self.moves:
             if angles_rad is None:
-                raise ValueError(f"the sensor moves with the {self.on}, and where the {self.on} was is not known")
+                raise ValueError(f"the sensor moves with the {self.on}, whose angles at the capture time are unknown")
             carrier, origin_m = (eye_in_base if self.on == "eye" else head_in_base)(geometry, angles_rad)
             turn, shift_m = carrier * turn, origin_m + carrier.apply(shift_m)
 

@@ -18,7 +18,7 @@ from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray
 
 _LEAST_FRAMES = 3
-# Range of heads that are tracked for eye contact.
+# Range of heads tracked for eye contact.
 _FARTHEST_MEDIAN_M, _NEAREST_MEDIAN_M = 20.0, 0.15
 # Likely range of people, and a typical value.
 _LIKELY_M, _TYPICAL_M = (0.3, 10.0), 2.0
@@ -180,7 +180,7 @@ def judge_ids(frames: Sequence[Frame], hints: SetupHints) -> list[Finding]:
         return []
     text = (
         f"{len(set(names))} names of people in {len(names)} frames: looks like the number of the detection; send the "
-        f"track's name as person_id, or say {'use_ids=False' if hints.python else '--no-use-ids'}"
+        f"track's name as person_id, or set {'use_ids=False' if hints.python else '--no-use-ids'}"
     )
     return [Finding(Event.NEW_ID_EACH_FRAME, text)]
 
@@ -193,7 +193,7 @@ _HIGHEST_M = 3.0
 _FASTEST_M_S = 6.0
 _PARTS, _PART_S = 4, 0.125
 _MEMORY_S = _PARTS * _PART_S
-# Names of people are the tracker's: there may be as many as frames.
+# Maximum number of names: a tracker may send as many as frames.
 _NAMES_MAX = 32
 
 
@@ -222,7 +222,7 @@ class Plausibility:
             self._paths[person_id] = path
             return ""  # out of order: an event of the predictor
         path.append((capture_s, head_m))
-        # Up to a little before half a second ago, so that half a second is always there.
+        # Slightly more than half a second is kept, so that half a second is always available.
         while len(path) > 1 and path[1][0] <= capture_s - _MEMORY_S:
             path.popleft()
         self._paths[person_id] = path

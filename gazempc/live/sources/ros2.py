@@ -330,7 +330,7 @@ def _observation(head: _Head, captured_s: float, pose: FloatArray | None) -> Hea
         place = head.covariance[:3, :3] if head.covariance[:3, :3].any() else None
         yaw_variance_rad2 = float(head.covariance[_YAW, _YAW])
         if quat_wxyz is not None and not 0.0 <= yaw_variance_rad2 < np.inf:
-            raise Ros2Error(f"the variance of a pose's yaw is {yaw_variance_rad2}: needed is 0 (not known) or more")
+            raise Ros2Error(f"the variance of a pose's yaw is {yaw_variance_rad2}: expected 0 (unknown) or more")
     seen = HeadObservation(
         capture_time_s=captured_s,
         head_position_base_m=head.position_m,

@@ -23,14 +23,14 @@ from gazempc.types import FloatArray, Sighting
 _POINT = "geometry_msgs/msg/PointStamped"
 # Deduplication of points: time and distance within which a repeated point causes no new glance.
 _SAME_S, _SAME_M = 2.0, 0.3
-# A direction is less than a whole turn; what is more is in another unit.
+# Maximum direction, a whole turn; larger values are in another unit.
 _TURN_RAD = 2.0 * math.pi
 # Minimum distance of a gaze target: outside of the neck itself.
 _NEAREST_M = 0.05
 
 
 class Ros2Cues(Ros2Source):
-    """Listens to the topics of cues that the options name.
+    """Subscribes to the topics of cues in the options.
 
     Args:
         clock_s: The loop's clock, seconds.
@@ -115,7 +115,7 @@ class Ros2Cues(Ros2Source):
 
 
 def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> tuple[Ros2Cues, ...]:
-    """The listener to topics of cues; empty where none is named.
+    """The source of cues; empty without a topic in the options.
 
     Args:
         settings: The settings.
@@ -124,7 +124,7 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
         mounted: Whether the base frame of tf is that of the mount; else it is the neck's own base frame.
 
     Raises:
-        SettingsError: If settings do not go together.
+        SettingsError: If settings are incompatible.
     """
     ros2 = settings.options.ros2
     if ros2.point_topic is None and ros2.sound_topic is None:

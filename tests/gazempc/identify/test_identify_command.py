@@ -81,7 +81,7 @@ def test_invalid_command_lines_are_refused(clean, tmp_path, capsys):
         (["--robot", "simulated", "--from-log", "x.npz"], "give one of --robot"),
         (["--source", "camera:emulator"], "give one of --robot"),
         (["--source", "udp:5005", "--robot", "visca:emulator"], "--source"),
-        (["--from-log", str(tmp_path / "none.npz")], "not a log that can be read"),
+        (["--from-log", str(tmp_path / "none.npz")], "not a readable log"),
         (["--robot", "simulated", "--neck", "nock"], "no neck file 'nock'"),
         (["--robot", "simulated", "--neck", str(tmp_path / "blind.toml")], "reports_joints"),
         (["--from-log", str(tmp_path / "still.npz")], "tilt: its command moves over 0.00 deg"),

@@ -22,22 +22,22 @@ _ROOM = 2.5
 # pixels, with 60 degrees in view) is still found in them. A face nearer than 1 m is larger than their overlap. It is
 # found in the whole picture.
 _SQUARE = 2.0 / 3.0
-_LOOKS = 2  # squares a picture
-# A new face must be found twice, once in its own cut-out, as surely as this; one that is followed, less surely. With
-# these, none was found in 44 pictures without people, and a dim webcam's person at 3 m in each of 18.
+_LOOKS = 2  # squares per picture
+# Minimum scores: of a new face, which must be found twice, once in its own cut-out; and of a tracked one. With these,
+# none was found in 44 pictures without people, and a dim webcam's person at 3 m in each of 18.
 _NEW_SCORE, _SURE_SCORE, _KNOWN_SCORE = 0.4, 0.5, 0.35
 # Hair, necks and bald heads from behind score as high as faces, in up to three pictures of a video in a row, but their
 # mirror images do not: at this score 22 % of them pass, and 76 % of faces of 20 to 50 pixels (labelled pedestrians).
 _MIRRORED_SCORE = 0.4
 # Confirmation of a new face: consecutive pictures, and duration. Key points alone discriminate badly.
 _CONFIRMED_BY, _CONFIRMED_S = 3, 0.2
-# A face that is followed is checked by its mirror image, too, where it is this unsure: the person may turn away.
+# Below this score a tracked face is also checked by its mirror image: the person may turn away.
 _UNSURE_SCORE, _UNSURE_MIRRORED_SCORE = 0.5, 0.3
 # Minimum width of a face (8 m, with 640 pixels of 60 degrees): smaller ones are confused with magnified noise.
 _LEAST_PX = 12
 # Lifetime of a track without detections; on a slow computer at least until the next picture.
 _REMEMBERED_S = 1.0
-# A face that is found again is the same one within this many of its widths, and this change of its width.
+# Bounds of re-identification: displacement in widths of the face, and change of its width.
 _SAME_WIDTHS, _SAME_CHANGE = 3.0, 1.5
 
 
@@ -47,7 +47,7 @@ class Detector(Protocol):
     def faces(
         self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
     ) -> list[Face]:
-        """Faces in a square of a picture, the surest first."""
+        """Faces in a square of a picture, highest score first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +83,10 @@ class Followed:
 
 
 class FaceFinder:
-    """Finds faces, and follows them.
+    """Detects and tracks faces.
 
     Args:
-        detector: Finds faces in a square.
+        detector: Detects faces in a square.
     """
 
     def __init__(self, detector: Detector) -> None:
@@ -237,7 +237,7 @@ class FaceSensor:
     """Observes all people with detected faces.
 
     Args:
-        detector: Finds faces in a square of a picture.
+        detector: Detects faces in a square of a picture.
         intrinsics: Camera intrinsics.
     """
 
@@ -246,14 +246,14 @@ class FaceSensor:
         self._intrinsics = intrinsics
 
     def see(self, picture: Any, time_s: float) -> list[HeadObservation]:
-        """Take one picture in.
+        """Process one picture.
 
         Args:
             picture: RGB, shape (height, width, 3), uint8.
-            time_s: When it was captured, seconds; later than the last one.
+            time_s: Capture time, seconds; strictly increasing.
 
         Returns:
-            Each person, by name, in the camera's frame: x along the view, y left, z up.
+            One observation per named person, in the camera's frame: x along the view, y left, z up.
         """
         heads = []
         for person in self._finder.see(picture, time_s):
