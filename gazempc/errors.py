@@ -35,7 +35,7 @@ class LeftOutError(GazempcError):
 
 
 class PlacementError(LeftOutError):
-    """The robot cannot be placed beside this recording (for example, the person comes too near)."""
+    """No valid pose of the robot beside this recording (for example, the person is too near)."""
 
 
 class SettingsError(GazempcError):

@@ -151,7 +151,7 @@ def _checked(kind: Kind, choice: str, parameter: inspect.Parameter, value: Any) 
         config = ConfigDict(arbitrary_types_allowed=True)
         try:
             adapter = TypeAdapter(parameter.annotation, config=config)
-        except Exception:  # a type with a configuration of its own
+        except Exception:  # a type with its own configuration
             adapter = TypeAdapter(parameter.annotation)
         # Text of a command line is parsed as YAML, unless the type is a text: "[1, 2]", "true".
         try:

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 
 # Known share of the true head below which a note is printed.
-_MOSTLY = 0.9
+_KNOWN_SHARE = 0.9
 # Maximum time after a signal to write the results so far.
-_TO_KEEP_S = 10.0
+_WRITE_S = 10.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit status: 0, or 1 on a limit violation, 2 on bad input, 130 if interrupted: complete results are kept.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    return run_interruptible("gazempc", lambda: _work(parse(words), command_line("gazempc.run", words)), "", _TO_KEEP_S)
+    return run_interruptible("gazempc", lambda: _work(parse(words), command_line("gazempc.run", words)), "", _WRITE_S)
 
 
 def _work(settings: RunSettings, command: str) -> int:
@@ -57,7 +57,7 @@ def _work(settings: RunSettings, command: str) -> int:
         print(_listing())
         return 0
     if settings.replay is None:
-        raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
+        raise GazempcError("nothing to replay: set --replay NAME_OR_PATH (see --list)")
     if _is_log(Path(settings.replay)):
         _measure(Path(settings.replay), settings, command)
     else:
@@ -260,7 +260,7 @@ def _notes(log: Log) -> list[str]:
         rate_hz = 1.0 / float(np.median(np.diff(np.unique(log.capture_time_s))))
         notes.append(f"{rate_hz:.1f} frames a second: below 6 the gaze trails people who walk")
     known = np.isfinite(log.head_true_base_m).all(axis=1)
-    if known.mean() < _MOSTLY:
+    if known.mean() < _KNOWN_SHARE:
         notes.append(
             f"the true head is known at {known.sum()} of {known.size} ticks, not in gaps of more than 0.2 s between "
             "frames: the gaze is scored there only"

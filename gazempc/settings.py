@@ -164,7 +164,7 @@ class MpcSettings(Settings):
         default=(), description="Your own costs, module:function, of pan and tilt; pan=module:function of one joint"
     )
     rows: tuple[OwnFunction, ...] = Field(
-        default=(), description="Your own limits, module:function: rows that are kept within +-1; given as the terms"
+        default=(), description="Your own limits, module:function: rows bounded by +-1; same syntax as the terms"
     )
 
 

@@ -220,7 +220,7 @@ class Arrivals:
 def _checked(arrived: object) -> Arrived:
     """Validate the type; observations are validated individually."""
     if not isinstance(arrived, Arrived):
-        raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
+        raise TypeError(f"poll() returned {type(arrived).__name__}, expected an Arrived")
     kinds: dict[str, Any] = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
     for name, kind in kinds.items():
         values = getattr(arrived, name)

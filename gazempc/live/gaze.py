@@ -253,7 +253,7 @@ class Gaze:
         target_m = checked("target_base_m", target_base_m, (3,), "metres in the base frame")
         if not (0.0 <= min_duration_s < math.inf and max_velocity_rad_s > 0.0):
             raise ValueError(
-                f"min_duration_s is {min_duration_s}, max_velocity_rad_s {max_velocity_rad_s}: needed are a time and "
+                f"min_duration_s is {min_duration_s}, max_velocity_rad_s {max_velocity_rad_s}: expected a time and "
                 "a speed"
             )
         neck = self.neck

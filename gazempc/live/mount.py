@@ -64,8 +64,8 @@ class Mount(Settings):
         """An observation in metres, x forward, y left, z up of the sensor.
 
         Args:
-            observation: In the tracker's unit and axes. Orientations are those of a head whose own axes are named
-                alike, so the identity faces where the sensor does.
+            observation: In the tracker's unit and axes. Orientations are of a head with axes of the same convention, so
+                the identity faces along the sensor's view.
 
         Returns:
             The same in the sensor's frame.

@@ -25,7 +25,7 @@ _LIKELY_M, _TYPICAL_M = (0.3, 10.0), 2.0
 _UNITS_M = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "a thousandth of metres": 1e3}
 # Elevation beyond the range of necks, as of heads in optical axes; and bound of a level direction.
 _STEEPEST_DEG, _LEVEL_DEG = 55.0, 35.0
-# A robot's pan axis and the person stand on one floor.
+# Plausible height relative to the pan axis; robot and person are on one floor.
 _HIGHEST_MEDIAN_M = 2.2
 # Threshold of the median speed, above walking (2.5 m/s) plus noise; and its time base.
 _FASTEST_MEDIAN_M_S, _SPEED_OVER_S = 4.0, 0.25
@@ -157,7 +157,7 @@ def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> l
     every_s, shortest_s = float(np.median(apart_s)), float(np.quantile(apart_s, _SHORTEST_SHARE))
     text = f"{1.0 / every_s:.1f} frames a second: below {LOW_RATE_HZ:.0f} the gaze trails a walking person; "
     if shortest_s < _RARE * every_s:
-        text += f"some come {1e3 * shortest_s:.0f} ms apart, so the person is rarely found: more light, or nearer"
+        text += f"some come {1e3 * shortest_s:.0f} ms apart, so the person is rarely detected: more light, or nearer"
     else:
         text += "its camera or its computation is slow: more pictures a second, or smaller ones"
     if every_s > lost_after_s:
@@ -265,7 +265,7 @@ def out_of_place(head_base_m: FloatArray) -> str:
     return ""
 
 
-# A finding comes within a second of the first frame.
+# Minimum time before findings: within a second of the first frame.
 _FIRST_AFTER_S, _AGAIN_AFTER_S = 0.9, 1.0
 _WINDOW_S = 1.0
 # Rates are estimated over a longer time: a tracker may be slower than a frame a second.

@@ -49,9 +49,7 @@ class LiveSettings(MountedSettings, StageSettings):
     neck: str | None = Field(
         default=None, description="Shipped neck or a .toml file; default for a simulated robot: reference"
     )
-    controller: ControllerChoice = Field(
-        default="mpc", description="Controller of the gaze; module:Class for your own"
-    )
+    controller: ControllerChoice = Field(default="mpc", description="Controller of the gaze; module:Class for your own")
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
     passes: int = Field(
@@ -95,7 +93,7 @@ class LiveSettings(MountedSettings, StageSettings):
     )
     figures: bool = Field(default=True, description="Draw angles.png from the last log")
     probe: bool = Field(
-        default=False, description="Robots visca and onvif: print identity and functions of the camera without motion, and end"
+        default=False, description="Robots visca and onvif: print identity and functions of the camera, then end"
     )
 
     @property
@@ -147,7 +145,7 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
         if emulated and settings.framing.view_deg is None:
             found["framing"] = settings.framing.model_copy(update={"view_deg": VIEW_DEG})
     if settings.source_kind == "camera" and settings.mount == Mount():
-        # The picture is that of the turning camera.
+        # The picture is of the turning camera.
         found["mount"] = Mount(on="head")
     if settings.source_kind == "camera" and settings.loop == MountedSettings.model_fields["loop"].default:
         # Latency of network cameras: up to a second.
@@ -211,7 +209,7 @@ def check(settings: LiveSettings) -> None:
             out is not None and out.startswith("ros2:") and settings.simulated_clock
         ),
         f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag": settings.recording == "",
-        f"--sensor {settings.sensor}: the source bag gives what its tracker measured; for another sensor use "
+        f"--sensor {settings.sensor}: the source bag has its tracker's measurements; for another sensor use "
         f"--source replay --replay {settings.recording}": settings.sensor is not None and source == "bag",
         f"--mount.on {settings.mount.on}: a replay is seen from the robot's base; accepted with source {source}: "
         "mount.on base": settings.mount.moves and settings.recording is not None,

@@ -49,7 +49,7 @@ from gazempc.types import FloatArray, JointState
 from predictors import Predictor
 
 TrueHeadAt = Callable[[FloatArray], FloatArray]
-# Length of the logs of a `Gaze`: short, as the servo thread may have to wait while one is made.
+# Length of the logs of a `Gaze`: short, as the construction of a log may block the servo thread.
 _GAZE_LOG_S = 30.0
 
 

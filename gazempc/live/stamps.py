@@ -130,11 +130,11 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True)
 class SetupHints:
-    """Names settings.
+    """Formats settings for warnings.
 
     Attributes:
         python: Whether the user writes Python (`gazempc.live.gaze.Gaze`), or a command line.
-        own_source: Whether the source is a user-defined one, which makes the loop's times itself.
+        own_source: Whether the source is a user-defined one, which provides times of the loop.
         judges_rate: Whether the frame rate is checked here; else by the source.
     """
 

@@ -26,7 +26,7 @@ OVERSHOOT_S = 1.0
 
 
 def of_known(values: FloatArray | BoolArray, statistic: Callable[[Any], Any] = np.mean) -> float:
-    """A statistic of the finite values, such as the mean; NaN if there is none.
+    """A statistic of the finite values, such as the mean; NaN without any.
 
     Args:
         values: Any shape.
@@ -138,11 +138,11 @@ def time_from_start_to_contact(log: Log, error_deg: FloatArray, start_s: float) 
     Args:
         log: The run.
         error_deg: Gaze error at each tick, shape (M,), degrees; NaN is no contact.
-        start_s: Start of motion, seconds; NaN where there is none.
+        start_s: Start of motion, seconds; NaN without one.
 
     Returns:
         Seconds: 0 if contact holds for the first second, else until it begins to hold for 0.5 s after it was lost.
-        Where it does not come back, the time to the end of the run, a lower bound. NaN without a start.
+        Without a return, the time to the end of the run, a lower bound. NaN without a start.
     """
     after = log.time_s >= start_s
     if not after.any():

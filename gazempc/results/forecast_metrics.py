@@ -86,7 +86,7 @@ def false_starts_per_min(log: Log) -> float:
         log: The run of a person who does not leave the spot.
 
     Returns:
-        Episodes a minute of observations whose forecast for 0.5 s after capture lies over 0.3 m, horizontally, from the
+        Episodes a minute of observations whose forecast for 0.5 s after capture is over 0.3 m, horizontally, from the
         observed position; episodes less than 0.5 s apart are one. NaN without two observations.
     """
     capture_s = np.sort(log.capture_time_s)

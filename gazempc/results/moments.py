@@ -41,7 +41,7 @@ class SeenMoment(NamedTuple):
         head_quat_wxyz: Its orientation, shape (4,); None if it was not observed.
         person_id: The sensor's name of the person; empty without one.
         means_base_m: Forecast at `gazempc.results.log.FORECAST_HORIZONS_S` from the capture, shape (3, 3), metres; NaN
-            where there is none.
+            without one.
         covariances_m2: Shape (3, 3, 3), square metres.
         degrees_of_freedom: Degrees of freedom of the forecast's t distribution.
         true_base_m: True heads at these times, shape (3, 3), metres; None if unknown.

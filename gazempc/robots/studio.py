@@ -17,13 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.types import FloatArray
 
-# In the portrait, pixels: the middle between the pupils, the distance between them, and what is cut out around it.
+# In the portrait, pixels: the middle between the pupils, their distance, and the cut-out.
 _EYES_PX = (224.8, 101.8)
 _PUPILS_PX = 43.1
 _HEAD_HALF_PX = (62.0, 82.0)
 _HEAD_CENTRE_PX = (226.5, 96.5)
 _HAIR_PX = np.s_[12:52, 172:212]  # covers the back of the head
-# Mean distance between the pupils of adults (Dodgson 2004). It makes millimetres of pixels.
+# Mean distance between the pupils of adults (Dodgson 2004). It converts pixels to metres.
 PUPILS_M = 0.063
 _M_PER_PX = PUPILS_M / _PUPILS_PX
 _GRID = 48
@@ -81,7 +81,7 @@ class Studio:
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
         except Exception as error:
             needed = "mujoco, scikit-image and Mesa's libEGL (Debian: libegl1 libgl1-mesa-dri), with MUJOCO_GL=egl"
-            raise RuntimeError(f"nothing can be rendered here ({error!r}): needed are {needed}") from error
+            raise RuntimeError(f"rendering failed ({error!r}): it needs {needed}") from error
         self._mujoco = mujoco
         self.width, self.height, self.fov_deg = width, height, fov_deg
 

@@ -130,7 +130,7 @@ def test_a_simulation_clock_reset_is_handled(stage):
     # The controller's stamps are of the computer's clock: only the simulator's tracker fits. A robot without joint
     # states would be driven open loop; here they are refused, so the node cannot begin.
     tracker = stage.tracker("--sim-time", "--passes", "20")
-    gaze.until("no joint state on /joint_states can be used")
+    gaze.until("no valid joint state on /joint_states")
     gaze.until("use_sim_time")
     gaze.stop()
     # The neck in the simulator, people by its clock.

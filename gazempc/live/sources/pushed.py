@@ -106,7 +106,7 @@ class PushedSource:
         known = {"unix": ("time.time", time.time), "monotonic": ("time.monotonic", time.monotonic)}.get(clock)
         if known is not None and abs(stamp_s - (now_s := known[1]())) > _OTHER_CLOCK_S:
             raise ValueError(
-                f"time_s is {stamp_s:.6g}: needed is the capture time in seconds as {known[0]}() gives it (now "
+                f"time_s is {stamp_s:.6g}: expected the capture time in seconds as {known[0]}() gives it (now "
                 f'{now_s:.1f}), or another clock: clock="unix", "monotonic", "other"'
             )
         return self._stamps.loop_s(stamp_s, arrival_s)
@@ -127,7 +127,7 @@ def checked(name: str, value: Any, shape: tuple[int, ...], what: str) -> FloatAr
     Raises:
         ValueError: If they are invalid; names the field and the accepted values.
     """
-    wanted = f"needed is {what}" + (f", shape {shape}" if shape else "")
+    wanted = f"expected {what}" + (f", shape {shape}" if shape else "")
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -144,6 +144,6 @@ def _value(name: str, value: Any) -> Any:
         return checked(name, value, *_SHAPES[name])
     if name == "person_id":
         if isinstance(value, bool) or not isinstance(value, int | np.integer | str):
-            raise ValueError(f"person_id is {value!r}: needed is a whole number or a text")
+            raise ValueError(f"person_id is {value!r}: expected a whole number or a text")
         return str(value)
     return float(checked(name, value, (), "a number"))

@@ -64,7 +64,7 @@ class Ros2Cues(Ros2Source):
         self._topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
         return self._topics
 
-    def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         cues: list[Cue] = []
         if self._sound_topic:
             sounds = self._topics[self._sound_topic].take()
@@ -81,7 +81,7 @@ class Ros2Cues(Ros2Source):
         azimuth_rad = math.radians(message.data) if in_degrees else float(message.data)
         if not abs(azimuth_rad) <= _TURN_RAD:
             wanted = "degrees, at most 360" if in_degrees else "radians, at most a whole turn"
-            raise Ros2Error(f"a direction of sound is {message.data}: needed are {wanted}, positive to the left")
+            raise Ros2Error(f"a direction of sound is {message.data}: expected {wanted}, positive to the left")
         if self._options.sound_frame is None or self._options.base_frame is None or self._tf is None:
             return Sound(now_s, azimuth_rad)
         pose = self._tf.transforms.pose(self._options.sound_frame, self._options.base_frame)
@@ -97,7 +97,7 @@ class Ros2Cues(Ros2Source):
         if not frame:
             raise Ros2Error("a point's header names no frame")
         if not np.isfinite(place_m).all():
-            raise Ros2Error(f"a point is at {place_m[:3].tolist()}: needed are finite metres")
+            raise Ros2Error(f"a point is at {place_m[:3].tolist()}: expected finite metres")
         # Without a stamp: now, as is usual in tf.
         time_s = stamp_s(header.stamp) if header.stamp.sec or header.stamp.nanosec else None
         if time_s is not None:
@@ -121,7 +121,7 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
         settings: The settings.
         neck: The neck.
         clock: The loop's clock.
-        mounted: Whether the base frame of tf is that of the mount; else it is the neck's own base frame.
+        mounted: Whether the base frame of tf is the mount's; else it is the neck's base frame.
 
     Raises:
         SettingsError: If settings are incompatible.

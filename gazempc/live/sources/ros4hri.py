@@ -31,7 +31,7 @@ _HEAD = re.compile(rf"({'|'.join(_PART)})_(\w+)")
 # From the middle of the hips to between the eyes, along the back, of a person 1.7 m tall: 0.936 and 0.530 of the height
 # (Drillis & Contini, Body segment parameters, 1966).
 _HEAD_OVER_HIPS_M = 0.69
-# Distance within which a face replaces the less accurate head of a skeleton; two heads are farther apart.
+# Time and distance within which a face replaces the less accurate head of a skeleton; two heads are farther apart.
 _FACE_COUNTS_S, _ONE_HEAD_M = 0.5, 0.4
 
 
@@ -81,7 +81,7 @@ class Ros4HriPeople(Ros2Source):
         self._sensor_frame: str | None = None
         return {}
 
-    def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         assert self._tf is not None
         self._listen()
         heads: list[_Head] = []

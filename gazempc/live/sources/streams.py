@@ -61,11 +61,11 @@ class Senders:
         if first is None or now_s - self._heard_s > _SILENCE_S:
             return ""
         return (
-            f"lines of {host}:{port} are not read: {first[0]}:{first[1]} was first, and keeps its place until its port "
-            f"is closed or it is silent for {_SILENCE_S / 60:.0f} minutes; give a second tracker a port of its own"
+            f"lines of {host}:{port} are not read: {first[0]}:{first[1]} was first, and is read until its port "
+            f"is closed or it is silent for {_SILENCE_S / 60:.0f} minutes; use a separate port for a second tracker"
         )
 
-    def heard(self, sender: Address, now_s: float) -> None:
+    def register(self, sender: Address, now_s: float) -> None:
         """Register a valid observation of a sender.
 
         Args:
@@ -74,7 +74,7 @@ class Senders:
         """
         self._first, self._heard_s = sender, now_s
 
-    def to_ask(self, now_s: float) -> Address | None:
+    def probe_due(self, now_s: float) -> Address | None:
         """The silent sender, if its port is due for a probe, once in three seconds.
 
         Args:
@@ -85,7 +85,7 @@ class Senders:
         self._asked_s = now_s
         return self._first
 
-    def closed(self, sender: Address) -> None:
+    def release(self, sender: Address) -> None:
         """Release the lock of a sender whose port is closed.
 
         Args:
@@ -112,7 +112,7 @@ _TEXTS_KEPT = 20
 LINE_MAX = 4096
 # Maximum number of lines parsed from one burst, the newest; more than the people of a frame.
 _LINES_MAX = 64
-# Number of lines after which the thread yields for as long as the parsing took.
+# Number of lines after which the thread yields for the duration of their parsing.
 _MANY_LINES = 16
 
 
@@ -206,7 +206,7 @@ class LineSource:
         lines: list[tuple[bytes, Address | None]] = []
         for data, sender in chunks:
             if sender is not None and not data:
-                self._senders.closed(sender)
+                self._senders.release(sender)
             elif not self._refused(sender, now_s):
                 lines += [(line, sender) for line in self._cut(data)]
         if (older := len(lines) - _LINES_MAX) > 0:
@@ -225,8 +225,8 @@ class LineSource:
         why = "" if sender is None else self._senders.refusal(sender, now_s)
         if why:
             self._note(Event.SENDER_REFUSED, why)
-            if isinstance(self._wire, UdpPort) and (silent := self._senders.to_ask(now_s)):
-                self._wire.ask(silent)
+            if isinstance(self._wire, UdpPort) and (silent := self._senders.probe_due(now_s)):
+                self._wire.probe(silent)
         return bool(why)
 
     def _cut(self, data: bytes) -> list[bytes]:
@@ -255,7 +255,7 @@ class LineSource:
         except LineError as error:
             return self._problem(str(error))
         if sender is not None:
-            self._senders.heard(sender, arrival_s)
+            self._senders.register(sender, arrival_s)
         with self._lock:
             if cue is not None:
                 self._cues.append(cue)

@@ -128,7 +128,7 @@ class UdpPort:
                 found.append(Chunk(data + b"\n", sender))
         return found
 
-    def ask(self, sender: Address) -> None:
+    def probe(self, sender: Address) -> None:
         """Probe a sender by an empty line: for a closed port its system replies by ICMP, which Linux reports.
 
         Args:

@@ -42,7 +42,7 @@ class Feed:
     Args:
         orders: Tasks of the process.
         true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; None if unknown.
-        waits: Block the run while the queue is full, instead of dropping moments: for a simulated clock.
+        waits: Let the run wait for the process instead of dropping moments: for a simulated clock.
 
     Attributes:
         notes: Lines for the user.
@@ -51,7 +51,7 @@ class Feed:
         process: The process.
 
     Raises:
-        SettingsError: If an order cannot be carried out.
+        SettingsError: If a task is impossible.
     """
 
     def __init__(
@@ -120,9 +120,9 @@ class Feed:
         self._thread.join(_ENDS_WITHIN_S)
         if not self._thread.is_alive():
             self._send()
-            self._pass_on([])
+            self._transmit([])
         self.process.join(_ENDS_WITHIN_S)
-        self._hear()
+        self._receive()
         if self.process.is_alive():
             self._problem = self._problem or "the process for viewers did not end: its files may not be complete"
             self.process.kill()
@@ -151,17 +151,17 @@ class Feed:
                     while len(moments) < _AT_ONCE:
                         moments.append(self._waiting.popleft())
                 if moments:
-                    self._pass_on(self._with_true_heads(moments))
+                    self._transmit(self._with_true_heads(moments))
 
-    def _pass_on(self, moments: list[object]) -> None:
+    def _transmit(self, moments: list[object]) -> None:
         """Send moments; an empty list ends the process. Without a process they are dropped, with a note."""
         try:
             self._pipe.send(moments)
         except OSError:
-            self._hear()
+            self._receive()
             self._problem = self._problem or "the process for viewers has ended"
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         with suppress(EOFError, OSError):
             while self._pipe.poll():
                 problem = self._pipe.recv()

@@ -260,7 +260,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         page, path = self._page, self.path.partition("?")[0]
-        if not self._asked_rightly():
+        if not self._host_is_accepted():
             self.send_error(HTTPStatus.FORBIDDEN, "use the address printed by the run")
         elif path == "/state":
             self._stream(page)
@@ -272,7 +272,7 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
-    def _asked_rightly(self) -> bool:
+    def _host_is_accepted(self) -> bool:
         # DNS rebinding: a foreign page may resolve its own name to this computer, and then read this server's data.
         host = self.headers.get("Host", "").partition(":")[0]
         return not self._page.on_loopback or host in {*LOOPBACK, self._page.host}

@@ -58,7 +58,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
         return ()
     marks_s = np.arange(0.0, end_s + 1e-6)
     at = np.searchsorted(time_s, marks_s - 1e-6)
-    # Rings, because the tip of a good gaze lies on the head and would hide a dot.
+    # Rings, as the end of an accurate gaze ray covers a dot at the head.
     ax.plot(head[at, 1], head[at, 0], "o", mfc="w", mec="0.25", mew=1.5, ms=11, ls="", zorder=5)
 
     rays_s = marks_s[marks_s >= SCORED_FROM_S] if end_s >= SCORED_FROM_S else np.array([end_s])

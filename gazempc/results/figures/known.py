@@ -182,5 +182,5 @@ def _joined(times_s: FloatArray, at_s: FloatArray, positions_m: FloatArray) -> F
     """Straight lines from point to point, shape (M, 3); NaN before the first and after the last one."""
     if not at_s.size:
         return np.full((times_s.size, 3), np.nan)
-    order = np.argsort(at_s)  # the first frames of a track may have come out of order
+    order = np.argsort(at_s)  # the first frames of a track may be out of order
     return np.stack([np.interp(times_s, at_s[order], axis, np.nan, np.nan) for axis in positions_m[order].T], axis=1)

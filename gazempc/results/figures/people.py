@@ -152,7 +152,7 @@ def draw_turns(ax: Axes, log: Log, at: float, height: float, letters: float) -> 
     for turn in turns(log):
         lasts_s = turn.to_s - turn.from_s
         ax.barh(at, lasts_s, height, turn.from_s, color=person_colour(turn.number), ec="w", lw=0.8)
-        # Words stand before the first look away.
+        # The label is placed before the first aversion.
         to_s = min([from_s for from_s, *_ in away if turn.from_s < from_s < turn.to_s], default=turn.to_s)
         _write(ax, 0.5 * (turn.from_s + to_s), at, turn.texts, per_s * (to_s - turn.from_s))
     for from_s, to_s, why in away:

@@ -145,7 +145,7 @@ def test_the_dead_time_of_a_user_defined_robot_is_identified(tmp_path):
         ("Real", ["--neck", ":Real"]),
         ("NoConnection", ["connect() raised KeyError: 'port'"]),
         ("Silent", ["there is no reading", "identification does not"]),
-        ("WrongShape", ["position_rad array([0., 0., 0.]), needed is an array of shape (2,)"]),
+        ("WrongShape", ["position_rad array([0., 0., 0.]), expected an array of shape (2,)"]),
         ("WrongSent", ["a command did not get through", "of shape (1,)"]),
     ],
 )

@@ -176,7 +176,7 @@ def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
     with camera() as (server, plant), connected(server.address) as robot:
         feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
         server.silent = True
-        with pytest.raises(RobotError, match=f"visca 127.0.0.1:{server.address[1]}: no answer"):
+        with pytest.raises(RobotError, match=f"visca 127.0.0.1:{server.address[1]}: no reply"):
             feed(robot, (0.5, 0.0), lambda: False)
         before = len(server.driven)
         # Rebooted during the move: its sequence numbers restart.

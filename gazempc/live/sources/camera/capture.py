@@ -58,7 +58,7 @@ _LAG_S, _LAG_OVER_S = 0.5, 60.0
 _LATE_S = 0.05
 
 
-# User and password of an address; not the name of an environment variable.
+# User and plain password of an address, in place of the name of an environment variable.
 _PLAIN_PASSWORD = re.compile(r"://[^/@\s:]*:[^/@\s$][^/@\s]*@")
 
 
@@ -126,7 +126,7 @@ class VideoFile:
         self._cv2 = import_opencv()
         self._video = self._cv2.VideoCapture(str(path))
         if not self._video.isOpened():
-            raise SourceError(f"source camera:{path}: OpenCV cannot read this file; needed is a video")
+            raise SourceError(f"source camera:{path}: OpenCV cannot read this file; expected a video")
         self._start_s: float | None = None
 
     def read(self) -> Picture | str | None:
@@ -194,7 +194,7 @@ class Camera:
 
     Args:
         address: A number (empty: the first camera), a device such as ``/dev/video2``, or a URL.
-        options: What to ask of it.
+        options: Options of the camera.
 
     Raises:
         SourceError: If it cannot be opened.
@@ -328,7 +328,7 @@ def open_pictures(address: str, options: CameraOptions, own: Mapping[str, Any] |
 
     Args:
         address: A number or nothing for the first camera, a device, a video file, a stream's URL, or module:Class.
-        options: What to ask of it.
+        options: Options of the camera.
         own: Values for the constructor of a user-defined camera.
 
     Returns:

@@ -23,7 +23,7 @@ _ROOM = 2.5
 # found in the whole picture.
 _SQUARE = 2.0 / 3.0
 _LOOKS = 2  # squares per picture
-# Minimum scores: of a new face, which must be found twice, once in its own cut-out; and of a tracked one. With these,
+# Minimum scores: of a new face, of its second detection in its own cut-out, and of a tracked face. With these,
 # none was found in 44 pictures without people, and a dim webcam's person at 3 m in each of 18.
 _NEW_SCORE, _SURE_SCORE, _KNOWN_SCORE = 0.4, 0.5, 0.35
 # Hair, necks and bald heads from behind score as high as faces, in up to three pictures of a video in a row, but their

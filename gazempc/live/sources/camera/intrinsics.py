@@ -101,7 +101,7 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
         raise SettingsError(f"--camera.calibration {path}: no camera matrix; accepted names: {names}")
     if matrix.size != 9 or not np.isfinite(matrix).all() or not (matrix.flat[0] > 0 and matrix.flat[4] > 0):
         raise SettingsError(
-            f"--camera.calibration {path}: the camera matrix is {matrix.tolist()}; needed are 3 x 3 numbers with "
+            f"--camera.calibration {path}: the camera matrix is {matrix.tolist()}; expected 3 x 3 numbers with "
             "positive focal lengths"
         )
     matrix = np.array(matrix.reshape(3, 3))

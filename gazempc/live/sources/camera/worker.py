@@ -185,6 +185,6 @@ def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, 
     if options.fov_deg is not None:
         return intrinsics, f"{about}{options.fov_deg:g} degrees across"
     return intrinsics, (
-        f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: an error of this value is one of directions and distances; "
+        f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: its error scales directions and distances; "
         "set --camera.fov-deg, or give --camera.calibration"
     )
