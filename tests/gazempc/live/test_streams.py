@@ -134,7 +134,7 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
         stranger.sendto(line(7), ("127.0.0.1", port))
         return 7 in numbers(collector.sightings)
 
-    if sys.platform == "linux":  # which reports that a port is closed
+    if sys.platform == "linux":  # reports closed ports
         found.until(rebound)  # a restarted tracker has another port
     stranger.close()
     with pytest.raises(SourceError, match=f"UDP 127.0.0.1:{port}"):
