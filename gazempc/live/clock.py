@@ -167,20 +167,20 @@ class Envelope:
         enough = len(delays_s) >= _RECENT_FRAMES and now_s - self._recent[0][0] >= _RECENT_LEAST_S
         self.steady = enough and max(delays_s) - min(delays_s) < _STEADY_WITHIN_S
         self.recent_s = _low_quantile(delays_s)
-        if self._lows and self._was_set(now_s):
+        if self._lows and self._stepped(now_s):
             self.slope, self.resets = 0.0, self.resets + 1
             self._forget()
             self._piece, self._piece_from_s = delays_s, self._recent[0][0]
         self._fit(now_s)
 
-    def _was_set(self, now_s: float) -> bool:
+    def _stepped(self, now_s: float) -> bool:
         earlier, later = list(self._lows)[:-_LATER_PIECES], list(self._lows)[-_LATER_PIECES:]
-        off_s = self.recent_s - self._usual_s(list(self._lows), now_s)
+        off_s = self.recent_s - self._median_s(list(self._lows), now_s)
         return (self.steady and not -_SET_BACK_S < off_s < _SET_ON_S) or (
-            bool(earlier) and all(low_s - self._usual_s(earlier, at_s) > _SET_BACK_S for at_s, low_s in later)
+            bool(earlier) and all(low_s - self._median_s(earlier, at_s) > _SET_BACK_S for at_s, low_s in later)
         )
 
-    def _usual_s(self, lows: list[tuple[float, float]], time_s: float) -> float:
+    def _median_s(self, lows: list[tuple[float, float]], time_s: float) -> float:
         """Median of the intervals, extrapolated to a time: robust to single intervals."""
         return float(np.median([low_s + self.slope * (time_s - at_s) for at_s, low_s in lows]))
 

@@ -210,13 +210,13 @@ def judge_stamps(
     unit: StampUnit = "s" if reader is None else reader.stamps.unit
     captures_s = [frame.capture_s for frame in frames]
     numbers = np.array(captures_s if reader is None else [reader.stamp(each) for each in captures_s])
-    text = _standing(numbers / PER_SECOND[unit], hints)
+    text = _constant_stamps(numbers / PER_SECOND[unit], hints)
     if not text and unusable(frames, stale_after_s):
         text = _likely_clock(numbers, unit, frames, _known_clocks(reader, clock), hints)
     return Finding(Event.WRONG_CLOCK, text) if text else None
 
 
-def _standing(stamps_s: FloatArray, hints: SetupHints) -> str:
+def _constant_stamps(stamps_s: FloatArray, hints: SetupHints) -> str:
     distinct = np.unique(stamps_s.round(4))
     if len(stamps_s) < _STILL_FRAMES or 2 * distinct.size > len(stamps_s):
         return ""
@@ -294,7 +294,7 @@ class ClockOffset:
         self._envelope = Envelope()
         self._resets = 0
         self._usual_s: float | None = None
-        self._believed_s = latency_s
+        self._plausible_s = latency_s
 
     def shift_s(self, arrival_s: float, capture_s: float) -> float:
         """Add a frame.
@@ -313,21 +313,21 @@ class ClockOffset:
             self._resets, self._usual_s, self.finding = envelope.resets, None, None
         if envelope.steady and self.finding is None:
             self._judge(envelope.recent_s, envelope.slope)
-        return 0.0 if self.finding is None else self.age_s - self._believed_s
+        return 0.0 if self.finding is None else self.age_s - self._plausible_s
 
     def _judge(self, recent_s: float, slope: float) -> None:
         if not -_AGREE_S <= recent_s <= _SLOWEST_S:
-            off_s = self._believed_s - self.age_s
+            off_s = self._plausible_s - self.age_s
             self._shift(f"is {shown(abs(off_s))} s {'ahead' if off_s > 0 else 'behind'}")
         elif self._usual_s is None:
-            self._usual_s = self._believed_s = self.age_s
+            self._usual_s = self._plausible_s = self.age_s
         elif slope < 0.0:
             self._shift(f"runs {-100 * slope:.1f} % fast")
 
     def _shift(self, how: str) -> None:
         text = (
             f"the tracker's clock {how}: capture times are shifted, so that the soonest frames are "
-            f"{max(self._believed_s, 0.0):.2f} s old; set the clocks of both computers by NTP, or "
+            f"{max(self._plausible_s, 0.0):.2f} s old; set the clocks of both computers by NTP, or "
             f"{self._hints.stamps('other')}"
         )
         self.finding = Finding(Event.CLOCK_SHIFTED, text)

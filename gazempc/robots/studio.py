@@ -113,7 +113,7 @@ class Studio:
 def _mjcf(width: int, height: int, fovy_deg: float, seed: int) -> str:
     vertices, texture, faces = _relief()
     rng = np.random.default_rng(seed)
-    clutter = "\n".join(_thing(rng, k) for k in range(24))
+    clutter = "\n".join(_obstacle(rng, k) for k in range(24))
     return f"""<mujoco>
   <visual>
     <global offwidth="{width}" offheight="{height}"/>
@@ -170,7 +170,7 @@ def _relief() -> tuple[FloatArray, FloatArray, Any]:
     return vertices, texture, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def _thing(rng: np.random.Generator, number: int) -> str:
+def _obstacle(rng: np.random.Generator, number: int) -> str:
     """A box, or a ball with the colour of skin, near a wall."""
     along_m, up_m = rng.uniform(-4.5, 4.5), rng.uniform(-1.2, 1.2)
     place = ((5.3, along_m), (along_m, 5.3), (along_m, -5.3))[number % 3]

@@ -70,7 +70,7 @@ _LONGEST_GAP_S = 1.0
 # Backward jump of a stamp that indicates a restart of the sender, such as a bag played in a loop.
 _STARTED_AGAIN_S = 1.0
 # Lifetime of a frame without new transforms, such as of a person who left.
-_FORGOTTEN_AFTER_S = 30.0
+_LIFETIME_S = 30.0
 # A stamp and the numbers of a pose, converted to a matrix on demand: few of a tree at 100 Hz are used.
 _Sample = tuple[float, _Numbers]
 
@@ -227,7 +227,7 @@ class Transforms:
         self._newest_s = max(self._newest_s, time_s)
         if abs(self._newest_s - self._pruned_s) > 1.0:
             self._pruned_s = self._newest_s
-            gone = [name for name, kept in self._moving.items() if kept[-1][0] < time_s - _FORGOTTEN_AFTER_S]
+            gone = [name for name, kept in self._moving.items() if kept[-1][0] < time_s - _LIFETIME_S]
             for name in gone:
                 self._forget(name)
 

@@ -33,7 +33,7 @@ _PERIOD_S = 0.04
 # Without ticks, as before the first one.
 _IDLE_S = 0.2
 # Maximum number of moments sent at once: pickling holds the interpreter lock, and must be short relative to a tick.
-_AT_ONCE = 8
+_BATCH = 8
 
 
 class Feed:
@@ -145,10 +145,10 @@ class Feed:
 
     def _send(self) -> None:
         with self._sending:
-            for _ in range(len(self._waiting) // _AT_ONCE + 1):
+            for _ in range(len(self._waiting) // _BATCH + 1):
                 moments: list[Moment | LogKept] = []
                 with suppress(IndexError):
-                    while len(moments) < _AT_ONCE:
+                    while len(moments) < _BATCH:
                         moments.append(self._waiting.popleft())
                 if moments:
                     self._transmit(self._with_true_heads(moments))

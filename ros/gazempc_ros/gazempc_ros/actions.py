@@ -24,7 +24,7 @@ from gazempc.types import FloatArray
 
 _PERIOD_S = 0.05
 # Timeout of the transforms of a goal.
-_TF_PATIENCE_S = 1.0
+_TF_TIMEOUT_S = 1.0
 # Joint speed that counts as rest, and time at rest off the target after which it is unreachable.
 _STILL_RAD_S, _SETTLING_S = 0.05, 1.0
 
@@ -209,7 +209,7 @@ class HeadActions:
             target_m = self._in_base(active)
             pointing = self._pointing(active)
         except Ros2Error as error:
-            if abs(now_s - active.began_s) > _TF_PATIENCE_S:
+            if abs(now_s - active.began_s) > _TF_TIMEOUT_S:
                 self._end("abort", str(error))
             return
         joints = gaze.joints
