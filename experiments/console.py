@@ -13,7 +13,7 @@ COMMANDS = {
     "run": ("gazempc.run", "replay a walk to several gazes, with table and pictures"),
     "live": ("gazempc.live.__main__", "look at a person who is there now"),
     "identify": ("gazempc.identify.identify", "measure a neck's dead time and servo"),
-    "margins": ("gazempc.margins.command", "how wrong a neck file may be before the neck swings"),
+    "margins": ("gazempc.margins.command", "stability margins for errors of a neck file"),
     "export": ("gazempc.export", "write a log as csv, parquet or mcap"),
     "compare": ("experiments.compare", "compare gazes over many recordings"),
     "sweep": ("experiments.sweep.sweep", "vary settings over many recordings"),

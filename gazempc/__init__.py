@@ -16,7 +16,7 @@ import pkgutil
 import re
 from typing import Any
 
-# Module and name there of each name of the front door. The stub is the only list, and type checkers read it, too.
+# Module and attribute of each public name. The stub is the only list, and type checkers read it, too.
 _STUB = (pkgutil.get_data(__name__, "__init__.pyi") or b"").decode()
 _PLACES = {
     name: (module, there) for module, there, name in re.findall(r"^from (\S+) import (\w+) as (\w+)", _STUB, re.M)
@@ -29,7 +29,7 @@ logging.getLogger("gazempc").addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name of the front door when it is first used."""
+    """Import a public name on first use."""
     if name not in _PLACES:
         raise AttributeError(f"module 'gazempc' has no attribute {name!r}; it offers {', '.join(__all__)}")
     module, there = _PLACES[name]
@@ -39,5 +39,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The names of the front door."""
+    """The public names."""
     return sorted(__all__)

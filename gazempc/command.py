@@ -1,4 +1,4 @@
-"""What all command lines share: messages, exit statuses and progress."""
+"""Common functions of all command lines: messages, exit statuses and progress."""
 
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ from gazempc.signals import Interrupted, ending_on_signals
 
 # 1 means a limit violation only. Python's own status after an exception is 1, too, so all exceptions are caught.
 VIOLATION, BAD_INPUT, UNEXPECTED, INCOMPLETE = 1, 2, 3, 4
-# For `tyro.cli`: help texts are descriptions and docstrings. To look for comments, too, takes a quarter of a second.
+# For `tyro.cli`: help texts are descriptions and docstrings. Parsing comments takes a quarter of a second.
 TYRO_CONFIG = (HelptextFromCommentsOff,)
 _SILENCE_S = 2.0
 
 
 def run_command(name: str, work: Callable[[], int]) -> int:
-    """Do the work of a command. What a user can cause becomes a message and an exit status.
+    """Run a command; errors become a message and an exit status.
 
     Args:
         name: The command's name, for messages.
-        work: Does it, and gives the exit status.
+        work: Function of the command; returns the exit status.
 
     Returns:
         The status of `work`. 1: a limit violation. 2: bad input, or an error of the file system. 3: any other
-        exception, a fault of the program. 0: also if the reader of the output has closed it, as in ``... --list |
-        head``.
+        exception, a fault of the program. 0: also if the output is a closed pipe, as in ``... --list | head``.
     """
     _prepare_streams()
     try:
@@ -41,7 +40,7 @@ def run_command(name: str, work: Callable[[], int]) -> int:
         sys.stdout.flush()
         return status
     except BrokenPipeError:
-        # The reader is gone.
+        # The reading process has ended.
         _discard_output()
         return 0
     except (GazempcError, OSError) as error:
@@ -64,9 +63,9 @@ def run_interruptible(
 
     Args:
         name: The command's name, for messages.
-        work: Does it, and gives the exit status.
-        then: What to do after an interruption, for the message.
-        grace_s: The process is ended so long after a signal, seconds; see `gazempc.signals.ending_on_signals`.
+        work: Function of the command; returns the exit status.
+        then: Advice after an interruption, for the message.
+        grace_s: Time from a signal to the forced end of the process, seconds; see `gazempc.signals.ending_on_signals`.
 
     Returns:
         The status of `run_command`; 130 after Ctrl-C, 143 after SIGTERM.
@@ -81,7 +80,7 @@ def run_interruptible(
 
 
 def _prepare_streams() -> None:
-    """Make up for standard streams that are closed, or whose encoding lacks a character."""
+    """Replace closed standard streams, and characters that their encoding lacks."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         stream = getattr(sys, name)
         if stream is None:
@@ -95,11 +94,11 @@ def _discard_output() -> None:
 
 
 def command_line(module: str, words: Sequence[str]) -> str:
-    """A command as a shell takes it, to be repeated.
+    """A command line, quoted for a shell.
 
     Args:
-        module: What Python runs.
-        words: Its arguments.
+        module: Module that Python runs.
+        words: Arguments.
 
     Returns:
         Such as ``python -m gazempc.run --replay subject03_R4``.
@@ -116,10 +115,10 @@ class Progress:
         self._shown = False
 
     def at(self, share: float) -> None:
-        """Report the share of the present work that is done, every few seconds.
+        """Report the progress of the present work every few seconds.
 
         Args:
-            share: Done so far, 0 to 1.
+            share: Completed share, 0 to 1.
         """
         now_s = time.monotonic()
         if now_s - self._reported_s > _SILENCE_S:
@@ -130,7 +129,7 @@ class Progress:
         """Begin a piece of work.
 
         Args:
-            what: Its name, a few words.
+            what: Short name.
         """
         self._what = what
         if self._shown or time.monotonic() - self._started_s > _SILENCE_S:

@@ -1,4 +1,4 @@
-"""Errors of the package; each message has the fault and the accepted values."""
+"""Errors of the package; each message states the fault and the accepted values."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# A longer list would hide the message; its first and last name show the pattern.
+# Maximum number of names in a message; of a longer list the first and last name show the pattern.
 _NAMES_SHOWN = 30
-# A message about a file is a few lines long, whatever the file contains.
+# Length limits of quotations from files.
 _PLACE_SHOWN, _PROBLEM_SHOWN = 200, 1000
 
 
@@ -19,7 +19,7 @@ class GazempcError(Exception):
 
 
 class RecordingError(GazempcError):
-    """A recording cannot be read: names the file, the place in it and what was expected."""
+    """An unreadable recording; the message names file, location and expected content."""
 
     def __init__(self, source: str | Path, where: str, problem: str, expected: str) -> None:
         self.source = str(source)
@@ -31,27 +31,27 @@ class RecordingError(GazempcError):
 
 
 class LeftOutError(GazempcError):
-    """A recording is sound but this experiment cannot be made with it; comparisons leave it out and count it."""
+    """A valid recording that is unsuitable for this experiment; comparisons exclude and count it."""
 
 
 class PlacementError(LeftOutError):
-    """The robot cannot be placed beside this recording (for example, the person comes too near)."""
+    """No valid pose of the robot beside this recording (for example, the person is too near)."""
 
 
 class SettingsError(GazempcError):
-    """A setting, neck or sensor file is wrong: names the file, the field and the accepted values."""
+    """An invalid setting, neck or sensor file; the message names file, field and accepted values."""
 
 
 class RobotError(GazempcError):
-    """A robot does not answer or refuses what was asked."""
+    """A robot does not reply or refuses a request."""
 
 
 class LimitViolationError(GazempcError):
-    """A command or joint left the limits of the neck; never expected, always fatal to a run."""
+    """A command or joint exceeded the limits of the neck; always fatal to a run."""
 
 
 class MissingOptionalDependencyError(GazempcError):
-    """A feature needs an extra that is not installed: names the extra and the command."""
+    """A missing optional package; the message names the extra and the command to install it."""
 
     def __init__(self, feature: str, package: str, extra: str) -> None:
         super().__init__(f"{feature} needs the package {package!r}: pip install {package} (extra {extra!r} of gazempc)")
@@ -59,12 +59,12 @@ class MissingOptionalDependencyError(GazempcError):
 
 @contextmanager
 def importing(feature: str, package: str, extra: str) -> Iterator[None]:
-    """Imports of an optional package stand in here.
+    """Context for the import of an optional package.
 
     Args:
-        feature: What needs it, for the message.
-        package: Its name, as pip takes it.
-        extra: The extra that has it.
+        feature: Feature that needs it, for the message.
+        package: Its name for pip.
+        extra: The extra that contains it.
 
     Raises:
         MissingOptionalDependencyError: If an import fails.
@@ -76,11 +76,11 @@ def importing(feature: str, package: str, extra: str) -> Iterator[None]:
 
 
 def shown(value: object, limit: int = 40) -> str:
-    """Quote a piece of a file in a message, cut to a length that fits on a line.
+    """Quote a value of a file for a message, cut to a length.
 
     Args:
-        value: What stands in the file.
-        limit: Characters to show at most.
+        value: Value in the file.
+        limit: Maximum number of characters.
 
     Returns:
         The quoted text.
@@ -89,7 +89,7 @@ def shown(value: object, limit: int = 40) -> str:
         return repr(_cut(value, limit))
     try:
         return _cut(repr(value), limit)
-    except ValueError:  # Python does not write whole numbers of thousands of digits
+    except ValueError:  # Python formats no integers of thousands of digits
         return "a number of thousands of digits"
 
 
@@ -98,17 +98,17 @@ def _cut(text: str, limit: int) -> str:
 
 
 def suggest(name: str, accepted: Iterable[str]) -> str:
-    """Say which accepted name a misspelt one most likely meant, and list them all (a long list by its ends).
+    """Suggest the most similar accepted name, and list all (of a long list both ends).
 
     Args:
-        name: What the user wrote.
+        name: Name given by the user.
         accepted: All valid names.
 
     Returns:
         A sentence fragment such as ``"perhaps you meant 'mpc'; accepted: lookahead, mpc"``.
     """
     names = sorted(accepted)
-    # Numbers differ by leading zeros more often than by digits.
+    # Misspelt numbers differ by leading zeros more often than by digits.
     near = [each for each in names if _without_zeros(each) == _without_zeros(name)]
     near = near or difflib.get_close_matches(name, names, n=1, cutoff=0.6)
     hint = f"perhaps you meant {near[0]!r}; " if near else ""

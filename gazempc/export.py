@@ -1,4 +1,4 @@
-"""Write a log in a format that others read: `python -m gazempc.export out/walk/mpc.npz --to csv`.
+"""Write a log in a format of other programs: `python -m gazempc.export out/walk/mpc.npz --to csv`.
 
 csv and parquet: one file each for ticks, observations, forecasts and events. mcap: one file for Foxglove, rerun and
 other viewers, which is also a log that gazempc reads.
@@ -30,7 +30,7 @@ class ExportSettings(BaseModel):
     log: tyro.conf.Positional[Path] = Field(description="A log: .npz or .mcap")
     to: Literal["csv", "parquet", "mcap"] = Field(description="Format")
     out: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = Field(
-        default=None, description="Where to write, without the ending; without it beside the log, under its name"
+        default=None, description="File to write, without the ending; default: beside the log, under its name"
     )
 
 
@@ -86,7 +86,7 @@ def export(log: Log, to: Literal["csv", "parquet", "mcap"], stem: Path) -> list[
 
 
 def _write_csv(columns: Columns, path: Path) -> None:
-    # Numbers as Python writes them, so that they are read back to the last bit; an empty cell for NaN.
+    # Shortest round-trip representation: numbers are read back to the last bit; an empty cell for NaN.
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)

@@ -1,4 +1,4 @@
-"""The functions behind `import gazempc` that join several folders."""
+"""Public functions of `import gazempc` that combine several packages."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def replay(
 ) -> Log:
     """Replay a recording to one controller on a simulated neck.
 
-    The same arguments give the same log to the last bit. An object of your own is tried out first: what it lacks or
-    returns in a wrong shape is reported at once.
+    The same arguments give the same log to the last bit. A user-defined object is tested first: missing methods and
+    wrong shapes are reported at once.
 
     Args:
         recording: Name of a synthetic recording, path of a file, or a recording.
@@ -45,8 +45,8 @@ def replay(
         controller: Name (``reactive``, ``lookahead``, ``mpc``; ``mpc+perfect`` is the MPC with the true future),
             ``module:Class``, or a controller.
         predictor: Name, ``module:Class``, or a predictor.
-        sensor: Name, path, or a sensor; None for the one that fits the recording.
-        placement: ``recorded`` or ``side``; None for the one that fits the recording.
+        sensor: Name, path, or a sensor; None for the recording's default.
+        placement: ``recorded`` or ``side``; None for the recording's default.
         seed: Seed of the sensor's noise.
         **settings: Any other setting of `gazempc.sim.replay.ReplaySettings`, such as ``distance_m=1.0``,
             ``mpc={"horizon_s": 0.6}``, ``attend="nearest"`` or ``options={"gain": 0.3}`` for a user-defined part.
@@ -56,7 +56,7 @@ def replay(
 
     Raises:
         GazempcError: If a name does not exist, a file or setting is wrong, or the recording is too short. Also if the
-            robot would be too near to the person, or a user-defined part is wrong.
+            robot would be too near to the person, or a user-defined part is invalid.
     """
     named = {
         "neck": neck.name if isinstance(neck, NeckSpec) else str(neck),

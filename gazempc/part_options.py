@@ -19,11 +19,11 @@ def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str
     Args:
         kind: The kind of part.
         choice: A shipped name or ``module:Class``.
-        given: What a constructor may ask for by the parameter's name, such as ``neck``; the rest of it is left out.
+        given: Arguments injected by parameter name, such as ``neck``; others are ignored.
         options: Values for other parameters, in their types or as text; checked by the constructor's annotations.
 
     Returns:
-        The part; all its methods exist.
+        The part, with all required methods.
 
     Raises:
         SettingsError: If a value is missing or wrong, the constructor raises, or a method is missing.
@@ -35,8 +35,8 @@ def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str
     for name, parameter in wanted.items():
         if name not in known and parameter.default is inspect.Parameter.empty:
             raise SettingsError(
-                f"{kind.name} {choice}: its constructor needs {name!r}: give it by --options.{name} VALUE; "
-                f"given to each {kind.name}: {', '.join(given) or 'nothing'}"
+                f"{kind.name} {choice}: its constructor needs {name!r}: set --options.{name} VALUE; "
+                f"injected into each {kind.name}: {', '.join(given) or 'nothing'}"
             )
     try:
         part = factory(**known)
@@ -49,10 +49,10 @@ def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str
 
 
 def parameters(factory: Callable[..., Any]) -> dict[str, inspect.Parameter]:
-    """Parameters that a class or function can be given by name, with annotations resolved where possible."""
+    """Keyword parameters of a class or function, with annotations resolved where possible."""
     try:
         signature = inspect.signature(factory)
-    except (TypeError, ValueError):  # built in: nothing is known
+    except (TypeError, ValueError):  # built in: no signature
         return {}
     try:
         hints = get_type_hints(factory.__init__ if inspect.isclass(factory) else factory)
@@ -67,15 +67,15 @@ def parameters(factory: Callable[..., Any]) -> dict[str, inspect.Parameter]:
 
 
 def options_for(kind: Kind, choice: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that are meant for one part.
+    """Select the options of one part.
 
     Args:
         kind: The kind of part.
         choice: A shipped name, which takes no options, or ``module:Class``.
-        options: Values by ``key``, or by ``kind.key`` where only one kind of part is meant.
+        options: Values by ``key``, or by ``kind.key`` for one kind of part.
 
     Returns:
-        Values by the constructor's parameter.
+        Values by name of the constructor's parameter.
     """
     if not is_own(choice):
         return {}
@@ -86,14 +86,14 @@ def options_for(kind: Kind, choice: str, options: Mapping[str, Any]) -> dict[str
 
 
 def check_options(choices: Iterable[tuple[Kind, str]], options: Mapping[str, Any]) -> None:
-    """Refuse options that no chosen part takes.
+    """Refuse options that no chosen part accepts.
 
     Args:
         choices: All parts of a run.
         options: As in `options_for`.
 
     Raises:
-        SettingsError: With each such option and what is accepted.
+        SettingsError: If there are any; names each, and the accepted options.
     """
     if not options:
         return
@@ -104,25 +104,25 @@ def check_options(choices: Iterable[tuple[Kind, str]], options: Mapping[str, Any
                 accepted |= dict.fromkeys((name, f"{kind.name}.{name}"))
     if not accepted:
         raise SettingsError(
-            f"options.{next(iter(options))}: options are for parts of your own (module:Class), and none is chosen; "
+            f"options.{next(iter(options))}: accepted for user-defined parts (module:Class), and none is chosen; "
             "shipped parts have settings of their own names, see --help"
         )
     wrong = [
-        f"options.{key}: no chosen part takes it; {suggest(key, accepted)}" for key in options if key not in accepted
+        f"options.{key}: no chosen part accepts it; {suggest(key, accepted)}" for key in options if key not in accepted
     ]
     if wrong:
         raise SettingsError("\n".join(wrong))
 
 
 def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[list[str], dict[str, str]]:
-    """Take ``--options.key value`` out of a command line; hyphens in a key stand for underscores.
+    """Extract ``--options.key value`` from a command line; hyphens in a key mean underscores.
 
     Args:
         words: The command line.
         not_own: First names after ``options.`` that are fields of the command line.
 
     Returns:
-        The other words, and the values by key.
+        The remaining words, and the values by key.
 
     Raises:
         SettingsError: If a value is missing.
@@ -151,9 +151,9 @@ def _checked(kind: Kind, choice: str, parameter: inspect.Parameter, value: Any) 
         config = ConfigDict(arbitrary_types_allowed=True)
         try:
             adapter = TypeAdapter(parameter.annotation, config=config)
-        except Exception:  # a type with a configuration of its own
+        except Exception:  # a type with its own configuration
             adapter = TypeAdapter(parameter.annotation)
-        # Text of a command line is read as YAML where the type is not a text: "[1, 2]", "true".
+        # Text of a command line is parsed as YAML, unless the type is a text: "[1, 2]", "true".
         try:
             return adapter.validate_python(value)
         except ValidationError:

@@ -21,9 +21,9 @@ class Kind:
     """One kind of part.
 
     Attributes:
-        name: What it is called in messages and options.
+        name: Name in messages and options.
         shipped: ``module:Class`` by shipped name.
-        members: What each method takes and gives, or what an attribute holds, by name; all of them are needed.
+        members: Signature and purpose of each required method or attribute, by name.
     """
 
     name: str
@@ -46,8 +46,8 @@ PREDICTOR = Kind(
         "perfect": "predictors.bounds:Perfect",
     },
     {
-        "reset": "reset(): forgets the person",
-        "update": "update(observation: HeadObservation): takes in one observation",
+        "reset": "reset(): discards the state of the person",
+        "update": "update(observation: HeadObservation): updates the state by one observation",
         "forecast": "forecast(times_s: shape (H,)) -> Forecast: head positions at these times",
     },
 )
@@ -59,7 +59,7 @@ CONTROLLER = Kind(
         "mpc": "gazempc.controllers.mpc.mpc:Mpc",
     },
     {
-        "reset": "reset(): forgets earlier plans",
+        "reset": "reset(): discards earlier plans",
         "forecast_times_s": "forecast_times_s(start_s, newest_capture_s) -> times to forecast, shape (H,), seconds",
         "plan": "plan(situation: Situation) -> Plan: the commands from situation.start_s on",
     },
@@ -78,7 +78,7 @@ ROBOT = Kind(
     {
         "connect": "connect(): opens the connection",
         "read_state": "read_state() -> JointState, or None if the joints are not measured",
-        "send_command": "send_command(position_rad: shape (N,)) -> what was really sent, shape (N,), radians",
+        "send_command": "send_command(position_rad: shape (N,)) -> the angles sent, shape (N,), radians",
         "close": "close(): closes the connection, never raises",
     },
 )
@@ -95,10 +95,10 @@ SOURCE = Kind(
         "camera": "gazempc.live.sources.camera.source:CameraSource",
     },
     {
-        "open": "open(): begins to take observations in",
-        "poll": "poll() -> Arrived: what has come since the last call; never blocks",
-        "close": "close(): takes no more in, never raises",
-        "finished": "finished: True once nothing more will come",
+        "open": "open(): starts reception",
+        "poll": "poll() -> Arrived: input since the last call; never blocks",
+        "close": "close(): ends reception, never raises",
+        "finished": "finished: True after the end of the source",
     },
 )
 POLICY = Kind(
@@ -110,15 +110,15 @@ POLICY = Kind(
         "speaker": "gazempc.people.policies:Speaker",
     },
     {
-        "reset": "reset(): drops all people",
-        "scores": "scores(company: Company) -> one number a person of company.people; NaN for not at all",
+        "reset": "reset(): discards all people",
+        "scores": "scores(company: Company) -> one number per person of company.people; NaN excludes the person",
     },
 )
-# An own cost or limit of the MPC: a function of `gazempc.controllers.mpc.problem.Trajectory`.
+# A user-defined cost or limit of the MPC: a function of `gazempc.controllers.mpc.problem.Trajectory`.
 TERM = Kind("term", {}, {})
-# Shipped robots that are given as NAME:ADDRESS.
+# Shipped robots with the syntax NAME:ADDRESS.
 ADDRESSED = ("visca", "onvif")
-# A controller with a predictor of its own: the true future bounds what any forecast can reach.
+# A controller with its own predictor: the true future is the upper bound of any forecast.
 TRUE_FUTURE = "mpc+perfect"
 # A person by the tracker's name: ``id:anna``.
 BY_NAME = "id:"
@@ -141,7 +141,7 @@ def is_own(choice: str) -> bool:
 
 
 def check_choice(kind: Kind, choice: str) -> str:
-    """Check how a part is named, without importing it.
+    """Validate the name of a part, without importing it.
 
     Args:
         kind: The kind of part.
@@ -151,7 +151,7 @@ def check_choice(kind: Kind, choice: str) -> str:
         The choice.
 
     Raises:
-        ValueError: If it is neither; the message has the accepted values.
+        ValueError: If it is neither; the message lists the accepted values.
     """
     if split_address(choice)[0] in kind.shipped or is_own(choice):
         return choice
@@ -161,7 +161,7 @@ def check_choice(kind: Kind, choice: str) -> str:
 
 
 def gaze_of(choice: str) -> tuple[str, str]:
-    """Controller and own predictor of a gaze, such as of ``mpc+perfect``; ``mpc`` has the predictor ``""``."""
+    """Controller and own predictor of a choice such as ``mpc+perfect``; ``mpc`` has the predictor ``""``."""
     if choice == "perfect":
         warnings.warn(f"the controller perfect is now {TRUE_FUTURE}", FutureWarning, stacklevel=2)
         choice = TRUE_FUTURE
@@ -170,14 +170,14 @@ def gaze_of(choice: str) -> tuple[str, str]:
 
 
 def check_gaze(choice: str) -> str:
-    """Check a controller, with a predictor of its own after ``+``, as `check_choice` does; gives ``mpc+perfect``."""
+    """Validate a controller with its own predictor after ``+``, as `check_choice`; returns such as ``mpc+perfect``."""
     controller, predictor = gaze_of(choice)
     check_choice(CONTROLLER, controller)
     return f"{controller}+{check_choice(PREDICTOR, predictor)}" if predictor else controller
 
 
 def check_function(choice: str) -> str:
-    """Check how an own function of the MPC is named: ``module:function``, perhaps after ``pan=`` or ``tilt=``.
+    """Validate the name of a function of the MPC: ``module:function``, optionally after ``pan=`` or ``tilt=``.
 
     Args:
         choice: The text.
@@ -186,7 +186,7 @@ def check_function(choice: str) -> str:
         The same.
 
     Raises:
-        ValueError: If it is anything else.
+        ValueError: If it has another form.
     """
     joint, _, place = choice.rpartition("=")
     if is_own(place) and joint in ("", "pan", "tilt"):
@@ -195,19 +195,19 @@ def check_function(choice: str) -> str:
 
 
 def find(kind: Kind, choice: str) -> Callable[..., Any]:
-    """Import the class that a choice names.
+    """Import the class of a choice.
 
-    Modules of the working directory are found, as by ``python -m``.
+    The working directory is on the search path, as for ``python -m``.
 
     Args:
         kind: The kind of part.
         choice: A shipped name or ``module:Class``.
 
     Returns:
-        The class, or a function that makes the part.
+        The class, or a factory function.
 
     Raises:
-        SettingsError: If there is none, or its module cannot be imported; the message has the reason.
+        SettingsError: If it does not exist, or its module cannot be imported; the message states the reason.
     """
     try:
         module_name, _, name = kind.shipped.get(split_address(check_choice(kind, choice))[0], choice).partition(_MARK)
@@ -221,8 +221,8 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
             raise SettingsError(f"{kind.name} {choice}: {module_name} needs the module {error.name!r}") from error
         raise SettingsError(
-            f"{kind.name} {choice}: there is no module {error.name!r}; it is looked for in the working directory and "
-            "among the installed packages"
+            f"{kind.name} {choice}: there is no module {error.name!r} in the working directory and "
+            "the installed packages"
         ) from None
     except Exception as error:
         raise SettingsError(f"{kind.name} {choice}: importing {module_name} raised {error_line(error)}") from error
@@ -233,7 +233,7 @@ def find(kind: Kind, choice: str) -> Callable[..., Any]:
             raise SettingsError(f"{kind.name} {choice}: {module_name} has no {name!r}; {suggest(name, names)}")
         found = getattr(found, part)
     if not callable(found):
-        raise SettingsError(f"{kind.name} {choice}: {name} is no class and no function, but {type(found).__name__}")
+        raise SettingsError(f"{kind.name} {choice}: {name} is neither class nor function, but {type(found).__name__}")
     factory: Callable[..., Any] = found
     return factory
 
@@ -244,10 +244,10 @@ def check_members(kind: Kind, part: object, called: str = "") -> None:
     Args:
         kind: The kind of part.
         part: The part.
-        called: Its name in messages; by default its class's.
+        called: Its name in messages; default: name of its class.
 
     Raises:
-        SettingsError: If one is missing; the message has its signature.
+        SettingsError: If one is missing; the message states its signature.
     """
     called = called or type(part).__name__
     if inspect.isclass(part):
@@ -259,15 +259,15 @@ def check_members(kind: Kind, part: object, called: str = "") -> None:
 
 
 def name_of(kind: Kind, part: object) -> str:
-    """What a part is called in tables, figures and logs.
+    """Name of a part in tables, figures and logs.
 
     Args:
         kind: The kind of part.
         part: The part.
 
     Returns:
-        The shipped name; of a user-defined part its attribute ``name`` where that is a text, else its class's name. If
-        a shipped part has that name, too, the module stands before it.
+        The shipped name; for a user-defined part its attribute ``name`` if that is a text, else its class's name. If a
+        shipped part has the same name, the module is prepended.
     """
     own = type(part)
     for name, place in kind.shipped.items():
@@ -275,7 +275,7 @@ def name_of(kind: Kind, part: object) -> str:
             return name
     called = getattr(part, "name", None)
     name = called if isinstance(called, str) and called else own.__name__
-    # A shipped name is the shipped part's alone.
+    # Shipped names are reserved for shipped parts.
     return f"{own.__module__}.{name}" if name in kind.shipped else name
 
 

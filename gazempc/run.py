@@ -1,4 +1,4 @@
-"""Replay a walk and show what prediction is worth: `python -m gazempc.run --replay subject03_R4`."""
+"""Replay a walk and measure the benefit of prediction: `python -m gazempc.run --replay subject03_R4`."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from gazempc.sim.scene import Scene
 
 
-# A true head that is known for less of the time is worth a note: so much of it figures do not tell.
-_MOSTLY = 0.9
-# Longest time after a signal in which results so far are written.
-_TO_KEEP_S = 10.0
+# Known share of the true head below which a note is printed.
+_KNOWN_SHARE = 0.9
+# Maximum time after a signal to write the results so far.
+_WRITE_S = 10.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,10 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; default: the process's.
 
     Returns:
-        Exit status: 0, or 1 on a limit violation, 2 on bad input, 130 if interrupted: what was complete is kept.
+        Exit status: 0, or 1 on a limit violation, 2 on bad input, 130 if interrupted: complete results are kept.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    return run_interruptible("gazempc", lambda: _work(parse(words), command_line("gazempc.run", words)), "", _TO_KEEP_S)
+    return run_interruptible("gazempc", lambda: _work(parse(words), command_line("gazempc.run", words)), "", _WRITE_S)
 
 
 def _work(settings: RunSettings, command: str) -> int:
@@ -57,7 +57,7 @@ def _work(settings: RunSettings, command: str) -> int:
         print(_listing())
         return 0
     if settings.replay is None:
-        raise GazempcError("nothing to replay: give --replay NAME_OR_PATH (see --list)")
+        raise GazempcError("nothing to replay: set --replay NAME_OR_PATH (see --list)")
     if _is_log(Path(settings.replay)):
         _measure(Path(settings.replay), settings, command)
     else:
@@ -66,7 +66,7 @@ def _work(settings: RunSettings, command: str) -> int:
 
 
 def _listing() -> str:
-    """Recordings, necks and sensors by name, and what else can be replayed."""
+    """Names of recordings, necks and sensors, and accepted file formats."""
     from gazempc.neck.spec import load_neck, neck_names  # noqa: PLC0415
     from gazempc.recordings.readers.table import shipped_mappings  # noqa: PLC0415
     from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names  # noqa: PLC0415
@@ -80,9 +80,9 @@ def _listing() -> str:
         "  R1, R2 straight; R3, R4 turn left, right; R5, R6 turn sharply left, right",
         f"  {everyday[0]} ... {everyday[-1]}  5 activities; all: --recordings everyday",
         f"  {', '.join(f'{name} ({about.description})' for name, about in ACTIVITIES.items())}",
-        "Recordings of your own, by path:",
+        "Your own recordings, by path:",
         "  .csv, .parquet  columns t, head_{x,y,z}; optional head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}",
-        "  .csv, .tsv, .txt, .parquet  any other columns, by --reading.columns or --guess; known by themselves:",
+        "  .csv, .tsv, .txt, .parquet  any other columns, by --reading.columns or --guess; recognised:",
         f"    {', '.join(shipped_mappings())}",
         "  .mvnx           Xsens MVN",
         "  a folder        ROS 2 bag, or OpenPose --3d --write_json",
@@ -97,7 +97,7 @@ def _listing() -> str:
 
 
 def _is_log(path: Path) -> bool:
-    """Whether `--replay` measures this again instead of replaying it."""
+    """Whether `--replay` re-evaluates this file instead of replaying it."""
     return path.suffix == ".npz" or (path.suffix == ".mcap" and has_log(path))
 
 
@@ -128,7 +128,7 @@ def parse(words: Sequence[str]) -> RunSettings:
 
 def _run(settings: RunSettings, command: str) -> None:
     progress = Progress()
-    # Heavy libraries are imported only here, so that --help and bad input answer at once.
+    # Local imports of slow libraries: --help and error messages without delay.
     from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
     from gazempc.sim.scene import make_scene  # noqa: PLC0415
 
@@ -218,10 +218,10 @@ def _measure(path: Path, settings: RunSettings, command: str) -> None:
     out = settings.out or Path("out") / path.stem
     logs, repeats = {log.run.controller: log}, measured_again(log)
     about = {"recording": log.run.recording, "kind": log.run.kind, "log": str(path), "settings": log.run.settings}
-    # Beside the log stands the rest of its run.
+    # The folder of the log contains the other files of its run.
     with nullcontext() if path.resolve().parent == out.resolve() else begin_folder(out):
         write_summary(out / "summary.json", about, list(repeats.rows))
-        print(f"{path}: log of {log.run.recording} ({log.run.mode}), measured again: nothing is replayed")
+        print(f"{path}: log of {log.run.recording} ({log.run.mode}), evaluated again without a replay")
         print(f"\n{table([repeats], log.neck, truth_of(log.run.kind))}\n")
         for line in _events(log):
             print(f"  {line}")
@@ -260,7 +260,7 @@ def _notes(log: Log) -> list[str]:
         rate_hz = 1.0 / float(np.median(np.diff(np.unique(log.capture_time_s))))
         notes.append(f"{rate_hz:.1f} frames a second: below 6 the gaze trails people who walk")
     known = np.isfinite(log.head_true_base_m).all(axis=1)
-    if known.mean() < _MOSTLY:
+    if known.mean() < _KNOWN_SHARE:
         notes.append(
             f"the true head is known at {known.sum()} of {known.size} ticks, not in gaps of more than 0.2 s between "
             "frames: the gaze is scored there only"
@@ -269,7 +269,7 @@ def _notes(log: Log) -> list[str]:
 
 
 def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
-    """Margins of the MPC that the neck file leaves too small."""
+    """Warnings about small stability margins of the MPC."""
     if not {"mpc", TRUE_FUTURE} & set(settings.controllers):
         return []
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
@@ -281,7 +281,7 @@ def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
 
 
 def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:
-    """The person of each gaze, and times of looking away; empty with one person all the time."""
+    """Attention metrics of each controller; empty for one person without gaze aversion."""
     from gazempc.results.attention import measure_attention  # noqa: PLC0415
 
     if settings.attend is None and settings.look_away.rhythm == "no":
@@ -296,7 +296,7 @@ def _events(log: Log) -> list[str]:
     lines = [
         f"{event} {int((log.event_name == event).sum())} x"
         for event in dict.fromkeys(log.event_name.tolist())
-        # Every run begins with no_observation_yet; the rate is a note of the whole.
+        # Omitted: every run begins with no_observation_yet; the rate is a note on the whole run.
         if event not in ("no_observation_yet", "low_frame_rate", *with_text)
     ]
     return [*attention_lines(measure_attention(log)), *lines, *(fault.line for fault in log.faults)]

@@ -1,4 +1,4 @@
-"""Settings of the command `gazempc run`, and how a YAML file gives them."""
+"""Settings of the command `gazempc run`, from command line and YAML file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RunSettings(ReplaySettings):
     replay: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = Field(
         default=None,
         description="Recording: subject03_R4 (synthetic), a table (.csv, .tsv, .txt, .parquet, .mvnx), a .json or .bvh "
-        "file, or the folder of a ROS 2 bag or of OpenPose; a log (.npz, .mcap) is measured again",
+        "file, or the folder of a ROS 2 bag or of OpenPose; a log (.npz, .mcap) is re-evaluated",
     )
     list: bool = Field(default=False, description="Print all included recordings, necks and sensors")
     controllers: tuple[GazeChoice, ...] = Field(
@@ -60,8 +60,7 @@ def load_settings(path: Path) -> RunSettings:
         The settings; defaults where the file has no value.
 
     Raises:
-        SettingsError: If the file cannot be read, or with every unknown key (and what it perhaps meant) and every wrong
-            value in it.
+        SettingsError: If the file cannot be read, or has unknown keys or invalid values; lists all, with suggestions.
     """
     data = parse_yaml(read_settings(path), str(path))
     if data is None:
@@ -75,13 +74,13 @@ def load_settings(path: Path) -> RunSettings:
 
 
 def config_path(words: Sequence[str]) -> Path | None:
-    """The file that `--config` names.
+    """The file given by `--config`.
 
     Args:
         words: Command line without the program's name.
 
     Returns:
-        The file; None if the command line names none.
+        The file; None without the option.
     """
     for i, word in enumerate(words):
         if word == "--config" and i + 1 < len(words):

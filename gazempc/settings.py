@@ -1,4 +1,4 @@
-"""Settings of the parts of a run, typed and checked; files and command lines fill the same models."""
+"""Typed and validated settings of the parts of a run, for files and command lines."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from gazempc.specfiles import Strict
 
 
 def on_command_line(kind: Kind, check: Callable[[str], str] | None = None) -> PrimitiveConstructorSpec[str]:
-    """How a command line reads the choice of a part, lists what there is, and refuses what there is not.
+    """Parser of a part's choice on the command line; lists shipped names, and refuses unknown ones.
 
     Args:
         kind: The kind of part.
-        check: Checks the choice; default: `check_choice`.
+        check: Validates the choice; default: `check_choice`.
 
     Returns:
-        What tyro takes beside the type.
+        Annotation of the type for tyro.
     """
     return PrimitiveConstructorSpec(
         nargs=1,
@@ -49,10 +49,10 @@ _AboveZero = Annotated[float, Field(gt=0)]
 # A shipped name, or module:Class for a user-defined part; see `gazempc.parts`.
 ControllerChoice = Annotated[str, AfterValidator(partial(check_choice, CONTROLLER)), on_command_line(CONTROLLER)]
 PredictorChoice = Annotated[str, AfterValidator(partial(check_choice, PREDICTOR)), on_command_line(PREDICTOR)]
-# In replays a controller may have a predictor of its own: mpc+perfect.
+# In replays a controller may have its own predictor: mpc+perfect.
 GazeChoice = Annotated[str, AfterValidator(check_gaze), on_command_line(CONTROLLER, check_gaze)]
 GAZES = ("reactive", "lookahead", "mpc", TRUE_FUTURE)
-# The predictor with the least error on real people, as far as measured.
+# The predictor with the smallest measured error on real people.
 DEFAULT_PREDICTOR = "walker"
 
 
@@ -60,7 +60,7 @@ class Settings(Strict):
     """Base of all settings."""
 
 
-NoiseM = Annotated[float, Field(ge=1e-6, le=1e3, description="Measurement noise (s.d.) if none is stated")]
+NoiseM = Annotated[float, Field(ge=1e-6, le=1e3, description="Measurement noise (s.d.) without a stated covariance")]
 _POSITION_NOISE_M = 0.01
 
 
@@ -78,10 +78,10 @@ class HeadPoseSettings(ConstantVelocitySettings):
 
     weight: float = Field(default=0.5, ge=0, le=1, description="w in equation 4")
     yaw_noise_rad: float = Field(
-        default=0.05, ge=1e-6, le=1e3, description="Measurement noise (s.d.) if none is stated"
+        default=0.05, ge=1e-6, le=1e3, description="Measurement noise (s.d.) without a stated covariance"
     )
     yaw_from: Literal["waist", "travel"] = Field(
-        default="waist", description="What the head's yaw is relative to: the waist, or the direction of travel"
+        default="waist", description="Reference of the head's yaw: the waist, or the direction of travel"
     )
     offset_removed: bool = Field(default=False, description="Subtract the mean yaw since the start of the track")
 
@@ -98,8 +98,8 @@ class WalkerSettings(Settings):
         default=None,
         ge=-20,
         le=20,
-        description="Logit of walking from which on a walk is forecast: higher is calmer before people who stand, and "
-        "later for people who start; default: the model's",
+        description="Threshold of the walking logit for the forecast of a walk: higher gives fewer false starts and "
+        "a later detection of starts; default: the model's",
     )
 
 
@@ -113,7 +113,7 @@ class CoordinatedTurnSettings(Settings):
 
 
 class PredictorSettings(Settings):
-    """Settings of predictors; the others are made with the defaults of their constructors."""
+    """Settings of predictors; others use the defaults of their constructors."""
 
     constant_velocity: ConstantVelocitySettings = ConstantVelocitySettings()
     coordinated_turn: CoordinatedTurnSettings = CoordinatedTurnSettings()
@@ -147,11 +147,11 @@ class MpcSettings(Settings):
         default=None,
         gt=0,
         le=1,
-        description="Smoothing time T; larger is smoother and less exact; default 0.12, down to 0.07 for a neck whose "
+        description="Smoothing time T; larger is smoother, less accurate; default 0.12, down to 0.07 for a neck whose "
         "dead time and lag are shorter than 0.2 s",
     )
     acquisition_time_s: float = Field(
-        default=0.09, gt=0, le=1, description="T during acquisition of a person far off the gaze"
+        default=0.09, gt=0, le=1, description="T during acquisition from a large gaze error"
     )
     head_smoothing_time_s: float | None = Field(
         default=None,
@@ -164,12 +164,12 @@ class MpcSettings(Settings):
         default=(), description="Your own costs, module:function, of pan and tilt; pan=module:function of one joint"
     )
     rows: tuple[OwnFunction, ...] = Field(
-        default=(), description="Your own limits, module:function: rows that are kept within +-1; given as the terms"
+        default=(), description="Your own limits, module:function: rows bounded by +-1; same syntax as the terms"
     )
 
 
 class LoopSettings(Settings):
-    """Times after which the loop gives up on something, and limits of a run on top of the neck's."""
+    """Timeouts of the loop, and limits of a run in addition to the neck's."""
 
     compute_delay_s: float = Field(
         default=0.0, ge=0, le=0.1, description="Time from the start of planning to the plan's first command"
@@ -203,7 +203,7 @@ class LoopSettings(Settings):
 def _checked_attend(choice: str) -> str:
     if choice.startswith(BY_NAME):
         if choice == BY_NAME:
-            raise ValueError("id: needs a name: id:NAME, as the tracker calls the person")
+            raise ValueError("id: needs a name: id:NAME, the tracker's name of the person")
         return choice
     return check_choice(POLICY, choice)
 
@@ -212,9 +212,9 @@ class AttentionSettings(Settings):
     """The choice among several people, see `--attend`."""
 
     hysteresis_s: float = Field(
-        default=0.5, ge=0, description="Another person must be the better choice for this time without a break"
+        default=0.5, ge=0, description="Time for which another person must continuously be the better choice"
     )
-    dwell_s: float = Field(default=1.5, ge=0, description="Minimum time that the robot looks at a person")
+    dwell_s: float = Field(default=1.5, ge=0, description="Minimum duration of attention to a person")
     enter_m: float | None = Field(
         default=None, gt=0, description="A person becomes a candidate within this distance; default: no limit"
     )
@@ -226,7 +226,7 @@ class AttentionSettings(Settings):
     @model_validator(mode="after")
     def _leave_behind_enter(self) -> AttentionSettings:
         if self.leave_m is not None and (self.enter_m is None or self.leave_m < self.enter_m):
-            raise ValueError(f"leave_m ({self.leave_m}) needs an enter_m that is not more ({self.enter_m})")
+            raise ValueError(f"leave_m ({self.leave_m}) needs an enter_m of at most this distance ({self.enter_m})")
         return self
 
 
@@ -234,7 +234,7 @@ LookAwayMode = Literal["no", "told", "listening", "speaking"]
 
 
 class LookAwaySettings(Settings):
-    """When to look away from a person, see `--look-away.rhythm`."""
+    """Gaze aversion, see `--look-away.rhythm`."""
 
     rhythm: LookAwayMode = Field(
         default="no",
@@ -262,7 +262,7 @@ class GazeSettings(PredictorSettings):
 
     @property
     def several(self) -> bool:
-        """Whether there is more to look at than one person all the time."""
+        """Whether attention or gaze aversion is enabled."""
         return self.attend is not None or self.look_away.rhythm != "no"
 
     lookahead: LookAheadSettings = LookAheadSettings()

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: the first ends a command in order, the second at once."""
+"""Ctrl-C and SIGTERM: the first ends a command gracefully, the second at once."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal asks the command to end.
+    """A signal requests the end of the command.
 
     Attributes:
-        signum: Which signal; a shell expects the exit status 128 + signum.
+        signum: Number of the signal; a shell expects the exit status 128 + signum.
     """
 
     def __init__(self, signum: int) -> None:
@@ -32,7 +32,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class _State:
-    """What has arrived. A process has one set of signal handlers, so there is one of these."""
+    """State of the signal handlers, of which a process has one set."""
 
     received: int | None = None
     pending = False
@@ -41,14 +41,14 @@ class _State:
 
 
 def end_during_imports(name: str) -> None:
-    """Let SIGINT and SIGTERM end a command that has not begun yet: its imports take a second or two.
+    """Let SIGINT and SIGTERM end a command during its imports, which take a second or two.
 
     Args:
         name: The command's name, for the message.
     """
 
     def end(signum: int, _: FrameType | None) -> None:
-        os.write(2, f"{name}: interrupted before it began\n".encode())
+        os.write(2, f"{name}: interrupted during start-up\n".encode())
         os._exit(128 + signum)
 
     for signum in _SIGNALS:
@@ -63,10 +63,10 @@ def start(name: str, module: str) -> NoReturn:
 
 @contextmanager
 def ending_on_signals(grace_s: float | None = None) -> Iterator[None]:
-    """Let SIGINT and SIGTERM raise `Interrupted` in here; a second signal ends the process at once.
+    """Let SIGINT and SIGTERM raise `Interrupted` in this context; a second signal ends the process at once.
 
-    If the process still runs some time after the first signal, it is ended, too: no library can hold it up. So this is
-    for command lines only. Outside the main thread nothing changes, because Python delivers signals there alone.
+    A process that still runs some time after the first signal is ended, too, so that no library can block it: for
+    command lines only. Without effect outside the main thread, as Python delivers signals there alone.
 
     Args:
         grace_s: That time, seconds; default: 2.5.
@@ -79,14 +79,14 @@ def ending_on_signals(grace_s: float | None = None) -> Iterator[None]:
     try:
         yield
     finally:
-        if _State.received is None:  # else the process is on its way out, and a second signal is to end it
+        if _State.received is None:  # else shutdown is in progress, and a second signal ends it
             for signum, handler in before.items():
                 signal.signal(signum, handler)
 
 
 @contextmanager
 def deferred() -> Iterator[None]:
-    """Hold `Interrupted` back in here until `raise_if_received`, or the end: no signal breaks into a step."""
+    """Defer `Interrupted` until `raise_if_received` or the end of this context: no signal interrupts a step."""
     _State.deferring += 1
     try:
         yield
@@ -96,7 +96,7 @@ def deferred() -> Iterator[None]:
 
 
 def raise_if_received() -> None:
-    """Raise `Interrupted` if a signal was held back."""
+    """Raise `Interrupted` if a signal was deferred."""
     if _State.pending and _State.received is not None:
         _State.pending = False
         raise Interrupted(_State.received)
@@ -104,7 +104,7 @@ def raise_if_received() -> None:
 
 @contextmanager
 def kept_from_children() -> Iterator[None]:
-    """Block both signals for the processes that are started in here: a Ctrl-C reaches all processes of a terminal."""
+    """Block both signals in child processes started in this context: Ctrl-C reaches all processes of a terminal."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

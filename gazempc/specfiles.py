@@ -1,4 +1,4 @@
-"""Read a specification shipped with the package by its name, or a user's own by its path."""
+"""Read a shipped specification by name, or a user-defined one by path."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gazempc.errors import SettingsError, shown, suggest
 from gazempc.files.bounds import is_there
 from gazempc.files.documents import parse_toml, read_settings
 
-# More errors than this in one file are no misspelling.
+# Maximum number of errors shown for one file.
 _ERRORS_SHOWN = 20
 _FIELD_SHOWN = 100
 
@@ -21,7 +21,7 @@ Spec = TypeVar("Spec", bound=BaseModel)
 
 
 class Strict(BaseModel):
-    """Base of settings and of tables in files: frozen, unknown fields and infinite numbers refused."""
+    """Base of settings and of tables in files: frozen; refuses unknown fields and infinite numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -43,7 +43,7 @@ def load_spec(model: type[Spec], folder: str, name_or_path: str | Path) -> Spec:
     """Load and check a specification.
 
     Args:
-        model: What the file must describe.
+        model: Model of the file.
         folder: Folder of the package with the shipped files.
         name_or_path: Name of a shipped file, or path to a TOML file.
 
@@ -51,7 +51,7 @@ def load_spec(model: type[Spec], folder: str, name_or_path: str | Path) -> Spec:
         The checked specification.
 
     Raises:
-        SettingsError: If there is no such file, or it is not valid: all its errors, each with its field.
+        SettingsError: If the file is missing or invalid; lists all errors, each with its field.
     """
     shipped = shipped_names(folder)
     if str(name_or_path) in shipped:
@@ -70,9 +70,9 @@ def parse_spec(model: type[Spec], text: str, source: str) -> Spec:
     """Parse the TOML text of a specification.
 
     Args:
-        model: What the text must describe.
+        model: Model of the text.
         text: TOML.
-        source: Where the text is from, for messages.
+        source: Origin of the text, for messages.
 
     Returns:
         The checked specification.
@@ -88,15 +88,15 @@ def parse_spec(model: type[Spec], text: str, source: str) -> Spec:
 
 
 def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
-    """Turn all errors of a validation into text a person can act on.
+    """Format all errors of a validation for the user.
 
     Args:
-        error: What pydantic found.
-        source: Where the data is from.
-        model: The model it was checked against, for suggestions.
+        error: The error of pydantic.
+        source: Origin of the data.
+        model: The model, for suggestions.
 
     Returns:
-        One line an error: source, field, problem, what was given.
+        One line per error: source, field, problem, given value.
     """
     lines = []
     found = error.errors()
@@ -117,7 +117,7 @@ def explain(error: ValidationError, source: str, model: type[BaseModel]) -> str:
 
 
 def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[str, FieldInfo]:
-    """Fields of the model at a place within a model; empty where there is none."""
+    """Fields of the nested model at a location; empty if there is none."""
     fields = model.model_fields
     for part in location:
         if isinstance(part, int):  # an entry of a tuple

@@ -21,7 +21,7 @@ _CODE = ("python", "console", "yaml", "toml")
 
 @dataclass(frozen=True)
 class Block:
-    """Code in a page; `prints` is the text block that follows at once, `file` the name in its first line."""
+    """Code in a page; `prints` is the text block directly after it, `file` the name in its first line."""
 
     line: int
     language: str
@@ -61,7 +61,7 @@ def run_block(block, page, namespace):
 
 
 def not_printed(shown, printed):
-    """The first line that a page shows and a program did not print, or None; `...` stands for any lines."""
+    """The first line of a page that a program did not print, or None; `...` matches any lines."""
     lines, left_out = iter(printed.strip().splitlines()), False
     for line in shown.strip().splitlines():
         if line == "...":
@@ -122,7 +122,7 @@ def test_ellipses_match_any_lines_of_a_printout():
 
 @pytest.mark.slow
 def test_the_quick_start_shows_the_output_of_the_command(own_folder, capsys):
-    """All of it but computing times, which differ from run to run."""
+    """All but computing times, which are not reproducible."""
     shown = next(body for kind, body in FENCE.findall(page("quickstart")) if body.startswith("subject03_R4: "))
     settings = ["--noise-seeds", "3", "--no-figures", "--out", str(own_folder)]
     assert run_command(["--replay", "subject03_R4", *settings]) == 0

@@ -71,13 +71,13 @@ def test_the_architecture_page_lists_existing_modules():
 
 
 def names_of_code(text):
-    """Files, and dotted names of modules and of what is in them, as they stand in inline code."""
+    """Files, and dotted names of modules and their attributes, in inline code."""
     files = re.findall(r"`((?:gazempc|predictors|experiments|benchmarks|tests|examples)(?:/[\w.]+)+/?)`", text)
     return files, re.findall(r"`((?:gazempc|predictors|experiments|benchmarks)(?:\.\w+)+)", text)
 
 
 def exists(dotted):
-    """Whether a dotted name is a module, or something in one."""
+    """Whether a dotted name is a module, or an attribute of one."""
     parts = dotted.split(".")
     for count in range(len(parts), 0, -1):
         path = ROOT.joinpath(*parts[:count])

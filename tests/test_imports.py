@@ -88,7 +88,7 @@ def imports_in(tree):
 
 
 def circle_in(imports):
-    """One circle of modules, or None."""
+    """One cycle of modules, or None."""
     try:
         TopologicalSorter(imports).prepare()
     except CycleError as error:
@@ -138,7 +138,7 @@ def test_modules_do_not_import_later_layers_of_their_package(package, order):
 
 
 def test_importing_has_no_side_effects_and_loads_no_heavy_library():
-    """Importing prints nothing, writes nothing, and does not wait for matplotlib or control."""
+    """Importing prints nothing, writes nothing, and imports neither matplotlib nor control."""
     code = (
         "import sys, gazempc, predictors, experiments, gazempc.run, gazempc.settings;"
         "heavy = {'matplotlib', 'control', 'filterpy'} & set(sys.modules); print(sorted(heavy))"

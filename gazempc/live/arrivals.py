@@ -64,7 +64,7 @@ class Arrivals:
         self._watch = Watch(setup.clock, setup.stamps, setup.mount, setup.loop, setup.hints, people is not None)
         self._joints = JointHistory()
         self._waiting: deque[Sighting] = deque()
-        # No time passes on a simulated clock meanwhile.
+        # Processing takes no time on a simulated clock.
         self._longest_s = _TICK_SHARE * setup.neck.servo_period_s if setup.clock.is_real else math.inf
         self._plausibility = Plausibility()
         latency_s = (Stamps() if setup.stamps is None else setup.stamps.stamps).latency_s
@@ -202,7 +202,7 @@ class Arrivals:
         self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
         if in_base is None:
             on = self._mount.on
-            raise ValueError(f"the sensor moves with the {on}, and where the {on} was at the capture time is not known")
+            raise ValueError(f"the sensor moves with the {on}, whose angles at the capture time are unknown")
         return Sighting(sighting.arrival_s, in_base, head_m if moves else None, self._view(angles_rad))
 
     def _view(self, angles_rad: FloatArray | None) -> CameraView | None:
@@ -220,7 +220,7 @@ class Arrivals:
 def _checked(arrived: object) -> Arrived:
     """Validate the type; observations are validated individually."""
     if not isinstance(arrived, Arrived):
-        raise TypeError(f"poll() returned {type(arrived).__name__}, needed is an Arrived")
+        raise TypeError(f"poll() returned {type(arrived).__name__}, expected an Arrived")
     kinds: dict[str, Any] = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
     for name, kind in kinds.items():
         values = getattr(arrived, name)

@@ -16,7 +16,7 @@ _STEP_S = 0.01
 _PIECE_S, _PIECES = 1.0, 10
 # The minimum delay is estimated by the 1/5 quantile, robust to single wrong stamps.
 _SOONEST_SHARE = 5
-# Crystals differ by 0.1 ms a second, and NTP corrects by 0.5. Less than this is no drift; nor is what noise may be.
+# Crystals differ by 0.1 ms a second, and NTP corrects by 0.5. Smaller slopes, or slopes within the noise, are no drift.
 _DRIFT_LEAST, _DRIFT_PIECES, _DRIFT_ERRORS, _SOONEST_ERROR_S = 0.002, 4, 5.0, 0.001
 # Thresholds of a step of the other clock to shorter and to longer delays, beyond delays of trackers.
 _SET_BACK_S, _SET_ON_S = 0.15, 2.0
@@ -109,7 +109,7 @@ class Envelope:
     """Clock offset and drift: the lower envelope of arrival minus stamp over the last 10 s, a straight line.
 
     Attributes:
-        slope: Drift of the stamps' clock, s/s; positive: slow, negative: fast; 0 if it is not significant.
+        slope: Drift of the stamps' clock, s/s; positive: slow, negative: fast; 0 if insignificant.
         steady: Whether the delays of the last half second are consistent.
         recent_s: Their minimum, seconds.
         resets: Number of steps of the other clock.
@@ -155,7 +155,7 @@ class Envelope:
 
     def _end_piece(self, arrival_s: float) -> None:
         if self._piece:
-            self._lows.append((self._piece_from_s + 0.5 * _PIECE_S, _soonest(self._piece)))
+            self._lows.append((self._piece_from_s + 0.5 * _PIECE_S, _low_quantile(self._piece)))
         while self._lows and self._lows[0][0] < arrival_s - _PIECES * _PIECE_S:
             self._lows.popleft()
         self._piece, self._piece_from_s = [], arrival_s
@@ -166,38 +166,38 @@ class Envelope:
         delays_s = [delay_s for _, delay_s in self._recent]
         enough = len(delays_s) >= _RECENT_FRAMES and now_s - self._recent[0][0] >= _RECENT_LEAST_S
         self.steady = enough and max(delays_s) - min(delays_s) < _STEADY_WITHIN_S
-        self.recent_s = _soonest(delays_s)
-        if self._lows and self._was_set(now_s):
+        self.recent_s = _low_quantile(delays_s)
+        if self._lows and self._stepped(now_s):
             self.slope, self.resets = 0.0, self.resets + 1
             self._forget()
             self._piece, self._piece_from_s = delays_s, self._recent[0][0]
         self._fit(now_s)
 
-    def _was_set(self, now_s: float) -> bool:
+    def _stepped(self, now_s: float) -> bool:
         earlier, later = list(self._lows)[:-_LATER_PIECES], list(self._lows)[-_LATER_PIECES:]
-        off_s = self.recent_s - self._usual_s(list(self._lows), now_s)
+        off_s = self.recent_s - self._median_s(list(self._lows), now_s)
         return (self.steady and not -_SET_BACK_S < off_s < _SET_ON_S) or (
-            bool(earlier) and all(low_s - self._usual_s(earlier, at_s) > _SET_BACK_S for at_s, low_s in later)
+            bool(earlier) and all(low_s - self._median_s(earlier, at_s) > _SET_BACK_S for at_s, low_s in later)
         )
 
-    def _usual_s(self, lows: list[tuple[float, float]], time_s: float) -> float:
+    def _median_s(self, lows: list[tuple[float, float]], time_s: float) -> float:
         """Median of the intervals, extrapolated to a time: robust to single intervals."""
         return float(np.median([low_s + self.slope * (time_s - at_s) for at_s, low_s in lows]))
 
     def _fit(self, now_s: float) -> None:
-        points = np.array([*self._lows, (0.5 * (self._piece_from_s + now_s), _soonest(self._piece))])
+        points = np.array([*self._lows, (0.5 * (self._piece_from_s + now_s), _low_quantile(self._piece))])
         self._fitted_s = now_s
         times_s, lows_s = points[:, 0] - now_s, points[:, 1]
         self.slope = _drift(times_s, lows_s)
         self._level_s = float(np.min(lows_s - self.slope * times_s))
 
 
-def _soonest(delays_s: list[float]) -> float:
+def _low_quantile(delays_s: list[float]) -> float:
     return sorted(delays_s)[len(delays_s) // _SOONEST_SHARE]
 
 
 def _drift(times_s: np.ndarray, lows_s: np.ndarray) -> float:
-    """Slope of the line through the minima of the intervals; 0 if it is not significant."""
+    """Slope of the line through the minima of the intervals; 0 if insignificant."""
     if times_s.size <= _DRIFT_PIECES:
         return 0.0
     times_s = times_s - times_s.mean()

@@ -33,7 +33,7 @@ from predictors import Predictor
 
 
 class Gaze:
-    """Looks at the person that a program sees.
+    """Looks at the person observed by a program.
 
         with gz.Gaze("my_neck.toml", MyRobot()) as gaze:
             for frame in tracker:
@@ -61,7 +61,7 @@ class Gaze:
         settings: The checked settings.
 
     Raises:
-        GazempcError: If a name does not exist, a file or setting is wrong, or a part does not do what it must.
+        GazempcError: If a name does not exist, a file or setting is wrong, or a part violates its interface.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class Gaze:
         return False
 
     def see(self, time_s: float, head_m: Any, **stated: Unpack[Stated]) -> None:
-        """Give one observation of a person to the loop. Returns at once.
+        """Pass one observation of a person to the loop; non-blocking.
 
         The capture time matters most: a stamp that is 0.1 s late adds 0.1 s of unmodelled dead time.
 
@@ -156,15 +156,15 @@ class Gaze:
                 - ``head_quat_wxyz``: orientation of the head in the same frame, shape (4,). The identity faces +x.
                 - ``pelvis_quat_wxyz``: orientation of the pelvis, likewise.
                 - ``covariance_m2``: covariance of `head_m`, shape (3, 3), square metres. `gazempc.bearing_covariance`
-                  makes it for a tracker that measures the direction better than the range.
+                  computes it for a tracker that measures the direction better than the range.
                 - ``head_yaw_sd_rad``, ``pelvis_yaw_sd_rad``: standard deviations of the yaw, radians.
                 - ``person_id``: the tracker's name of the person, a whole number or a text. A new name alone starts no
                   new track.
                 - ``confidence``: probability that this is a person, 0 to 1.
 
         Raises:
-            ValueError: If a value is wrong; names the field and what is accepted. The observation is not used.
-            TypeError: If there is no such argument.
+            ValueError: If a value is invalid; names the field and the accepted values. The observation is not used.
+            TypeError: If an argument does not exist.
             RuntimeError: Outside of the with-block.
             BaseException: What the servo thread raised, after the neck was braked.
         """
@@ -253,7 +253,7 @@ class Gaze:
         target_m = checked("target_base_m", target_base_m, (3,), "metres in the base frame")
         if not (0.0 <= min_duration_s < math.inf and max_velocity_rad_s > 0.0):
             raise ValueError(
-                f"min_duration_s is {min_duration_s}, max_velocity_rad_s {max_velocity_rad_s}: needed are a time and "
+                f"min_duration_s is {min_duration_s}, max_velocity_rad_s {max_velocity_rad_s}: expected a time and "
                 "a speed"
             )
         neck = self.neck

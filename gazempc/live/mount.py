@@ -64,8 +64,8 @@ class Mount(Settings):
         """An observation in metres, x forward, y left, z up of the sensor.
 
         Args:
-            observation: In the tracker's unit and axes. Orientations are those of a head whose own axes are named
-                alike, so the identity faces where the sensor does.
+            observation: In the tracker's unit and axes. Orientations are of a head with axes of the same convention, so
+                the identity faces along the sensor's view.
 
         Returns:
             The same in the sensor's frame.
@@ -103,7 +103,7 @@ class Mount(Settings):
         shift_m = np.array(self.position_m)
         if self.moves:
             if angles_rad is None:
-                raise ValueError(f"the sensor moves with the {self.on}, and where the {self.on} was is not known")
+                raise ValueError(f"the sensor moves with the {self.on}, whose angles at the capture time are unknown")
             carrier, origin_m = (eye_in_base if self.on == "eye" else head_in_base)(geometry, angles_rad)
             turn, shift_m = carrier * turn, origin_m + carrier.apply(shift_m)
 

@@ -18,14 +18,14 @@ from gazempc.settings import LoopSettings
 from gazempc.types import FloatArray
 
 _LEAST_FRAMES = 3
-# Range of heads that are tracked for eye contact.
+# Range of heads tracked for eye contact.
 _FARTHEST_MEDIAN_M, _NEAREST_MEDIAN_M = 20.0, 0.15
 # Likely range of people, and a typical value.
 _LIKELY_M, _TYPICAL_M = (0.3, 10.0), 2.0
 _UNITS_M = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254, "a thousandth of metres": 1e3}
 # Elevation beyond the range of necks, as of heads in optical axes; and bound of a level direction.
 _STEEPEST_DEG, _LEVEL_DEG = 55.0, 35.0
-# A robot's pan axis and the person stand on one floor.
+# Plausible height relative to the pan axis; robot and person are on one floor.
 _HIGHEST_MEDIAN_M = 2.2
 # Threshold of the median speed, above walking (2.5 m/s) plus noise; and its time base.
 _FASTEST_MEDIAN_M_S, _SPEED_OVER_S = 4.0, 0.25
@@ -157,7 +157,7 @@ def judge_rate(times_s: FloatArray, lost_after_s: float, hints: SetupHints) -> l
     every_s, shortest_s = float(np.median(apart_s)), float(np.quantile(apart_s, _SHORTEST_SHARE))
     text = f"{1.0 / every_s:.1f} frames a second: below {LOW_RATE_HZ:.0f} the gaze trails a walking person; "
     if shortest_s < _RARE * every_s:
-        text += f"some come {1e3 * shortest_s:.0f} ms apart, so the person is rarely found: more light, or nearer"
+        text += f"some come {1e3 * shortest_s:.0f} ms apart, so the person is rarely detected: more light, or nearer"
     else:
         text += "its camera or its computation is slow: more pictures a second, or smaller ones"
     if every_s > lost_after_s:
@@ -180,7 +180,7 @@ def judge_ids(frames: Sequence[Frame], hints: SetupHints) -> list[Finding]:
         return []
     text = (
         f"{len(set(names))} names of people in {len(names)} frames: looks like the number of the detection; send the "
-        f"track's name as person_id, or say {'use_ids=False' if hints.python else '--no-use-ids'}"
+        f"track's name as person_id, or set {'use_ids=False' if hints.python else '--no-use-ids'}"
     )
     return [Finding(Event.NEW_ID_EACH_FRAME, text)]
 
@@ -193,7 +193,7 @@ _HIGHEST_M = 3.0
 _FASTEST_M_S = 6.0
 _PARTS, _PART_S = 4, 0.125
 _MEMORY_S = _PARTS * _PART_S
-# Names of people are the tracker's: there may be as many as frames.
+# Maximum number of names: a tracker may send as many as frames.
 _NAMES_MAX = 32
 
 
@@ -222,7 +222,7 @@ class Plausibility:
             self._paths[person_id] = path
             return ""  # out of order: an event of the predictor
         path.append((capture_s, head_m))
-        # Up to a little before half a second ago, so that half a second is always there.
+        # Slightly more than half a second is kept, so that half a second is always available.
         while len(path) > 1 and path[1][0] <= capture_s - _MEMORY_S:
             path.popleft()
         self._paths[person_id] = path
@@ -265,7 +265,7 @@ def out_of_place(head_base_m: FloatArray) -> str:
     return ""
 
 
-# A finding comes within a second of the first frame.
+# Minimum time before findings: within a second of the first frame.
 _FIRST_AFTER_S, _AGAIN_AFTER_S = 0.9, 1.0
 _WINDOW_S = 1.0
 # Rates are estimated over a longer time: a tracker may be slower than a frame a second.

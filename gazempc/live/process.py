@@ -22,7 +22,7 @@ from typing import Any
 
 # Switch interval of threads: bounds the delay of a tick by other threads.
 _SWITCH_S = 0.0005
-# Real-time priorities: of the servo thread, and of threads for which it may have to wait.
+# Real-time priorities: of the servo thread, and of threads that may hold a lock it needs.
 _SERVO, _OTHER_THREADS = 20, 10
 # Niceness of child processes: commands have precedence.
 _NICE = 5
@@ -141,14 +141,14 @@ def start_child(name: str, target: Callable[..., None], *given: Any) -> tuple[Sp
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_second_to_the_run, args=(target, theirs, *given), name=name, daemon=True)
+    process = context.Process(target=_at_lower_priority, args=(target, theirs, *given), name=name, daemon=True)
     process.start()
     theirs.close()
     return process, ours
 
 
-def _second_to_the_run(target: Callable[..., None], *given: Any) -> None:
-    # Ctrl-C is for the parent, which brakes the neck before it ends this.
+def _at_lower_priority(target: Callable[..., None], *given: Any) -> None:
+    # Ctrl-C is handled by the parent, which brakes the neck before ending this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "sched_setscheduler"):
         with contextlib.suppress(PermissionError):

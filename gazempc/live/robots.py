@@ -92,7 +92,7 @@ def first_position_rad(robot: Robot, neck: NeckSpec, clock: Clock, stop: threadi
         stop: Ends the wait.
 
     Returns:
-        Angles of all joints, shape (N,), radians; None if stopped before a reading came.
+        Angles of all joints, shape (N,), radians; None if stopped before a reading.
 
     Raises:
         RobotError: Without a valid reading within 1 s.
@@ -141,11 +141,11 @@ def go_in(robot: Robot, neck: NeckSpec, clock: Clock, start_rad: FloatArray, sto
 def _check_first(state: JointState, now_s: float) -> None:
     """Refuse a reading without angles, or with a stamp of another clock."""
     if not np.all(np.isfinite(state.position_rad)):
-        raise RobotError(f"read_state() returned position_rad {state.position_rad}, needed are finite radians")
+        raise RobotError(f"read_state() returned position_rad {state.position_rad}, expected finite radians")
     if abs(state.time_s - now_s) > _OTHER_CLOCK_S:
         raise RobotError(
             f"read_state() returned time_s {state.time_s:.1f}, but the loop's clock is at {now_s:.1f}: "
-            "stamp readings with the clock_s that the robot's constructor is given"
+            "stamp readings by clock_s, an argument of the robot's constructor"
         )
 
 

@@ -1,4 +1,4 @@
-"""Look at a person who is there now: `python -m gazempc.live --source udp:5005 --robot mujoco --neck neck.toml`."""
+"""Look at a person in real time: `python -m gazempc.live --source udp:5005 --robot mujoco --neck neck.toml`."""
 
 from __future__ import annotations
 

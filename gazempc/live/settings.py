@@ -44,18 +44,16 @@ class MountedSettings(GazeSettings):
 class LiveSettings(MountedSettings, StageSettings):
     """Settings of `python -m gazempc.live`."""
 
-    source: str = Field(description=f"Where observations come from: {SOURCES}")
-    robot: RobotChoice = Field(default="simulated", description="What executes the commands; module:Class for your own")
+    source: str = Field(description=f"Source of observations: {SOURCES}")
+    robot: RobotChoice = Field(default="simulated", description="Robot to command; module:Class for your own")
     neck: str | None = Field(
         default=None, description="Shipped neck or a .toml file; default for a simulated robot: reference"
     )
-    controller: ControllerChoice = Field(
-        default="mpc", description="What plans the commands; module:Class for your own"
-    )
+    controller: ControllerChoice = Field(default="mpc", description="Controller of the gaze; module:Class for your own")
     predictor: PredictorChoice = Field(default=DEFAULT_PREDICTOR, description="Forecast of the head")
     replay: str = Field(default="subject03_R4", description="Recording of the source replay")
     passes: int = Field(
-        default=1, ge=1, description="How often the source replay repeats the recording, with two seconds between"
+        default=1, ge=1, description="Number of passes of the recording by the source replay, two seconds apart"
     )
     camera: CameraOptions = CameraOptions()
     duration_s: float | None = Field(
@@ -70,7 +68,7 @@ class LiveSettings(MountedSettings, StageSettings):
         default=False, description="Run as fast as the computer can; only if source and robot do not need real time"
     )
     isolate: Literal["predictor"] | None = Field(
-        default=None, description="Run the predictor in a process of its own, for one that holds Python's lock for long"
+        default=None, description="Run the predictor in a separate process, for one that holds Python's lock for long"
     )
     log_s: float = Field(default=300.0, ge=1, description="Length of a log; after this time a new log begins")
     out: Path = Field(default=Path("out/live"), description="Folder for all files; replaces an earlier run")
@@ -90,12 +88,12 @@ class LiveSettings(MountedSettings, StageSettings):
     )
     attention_out: str | None = Field(
         default=None,
-        description="Send a line of JSON whenever the robot looks at another person, or away: udp:HOST:PORT, "
+        description="Send a line of JSON at each change of the attended person or gaze aversion: udp:HOST:PORT, "
         "ros2:TOPIC, or a file FILE.jsonl",
     )
     figures: bool = Field(default=True, description="Draw angles.png from the last log")
     probe: bool = Field(
-        default=False, description="Robots visca and onvif: print what the camera is and can do, and end; moves nothing"
+        default=False, description="Robots visca and onvif: print identity and functions of the camera, then end"
     )
 
     @property
@@ -147,7 +145,7 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
         if emulated and settings.framing.view_deg is None:
             found["framing"] = settings.framing.model_copy(update={"view_deg": VIEW_DEG})
     if settings.source_kind == "camera" and settings.mount == Mount():
-        # The picture is that of the turning camera.
+        # The picture is of the turning camera.
         found["mount"] = Mount(on="head")
     if settings.source_kind == "camera" and settings.loop == MountedSettings.model_fields["loop"].default:
         # Latency of network cameras: up to a second.
@@ -201,7 +199,7 @@ def check(settings: LiveSettings) -> None:
             not host or (colon and not (port.isdecimal() and int(port) < 65536))
         ),
         "--view: accepted without --simulated-clock": settings.view is not None and settings.simulated_clock,
-        f"--neck: a real robot ({robot}) needs its own neck file, with limits that it bears; see python -m "
+        f"--neck: a real robot ({robot}) needs its own neck file, with its limits; see python -m "
         "gazempc.identify": settings.neck is None and not settings.simulated_robot,
         "--predictor perfect: the true future of a live run is unknown": settings.predictor == "perfect",
         "--attention-out: there is one person; accepted with --attend or --look-away.rhythm": (
@@ -211,7 +209,7 @@ def check(settings: LiveSettings) -> None:
             out is not None and out.startswith("ros2:") and settings.simulated_clock
         ),
         f"--source {settings.source}: no bag; accepted: bag:PATH, the folder of a ROS 2 bag": settings.recording == "",
-        f"--sensor {settings.sensor}: the source bag gives what its tracker measured; for another sensor use "
+        f"--sensor {settings.sensor}: the source bag has its tracker's measurements; for another sensor use "
         f"--source replay --replay {settings.recording}": settings.sensor is not None and source == "bag",
         f"--mount.on {settings.mount.on}: a replay is seen from the robot's base; accepted with source {source}: "
         "mount.on base": settings.mount.moves and settings.recording is not None,

@@ -49,7 +49,7 @@ from gazempc.types import FloatArray, JointState
 from predictors import Predictor
 
 TrueHeadAt = Callable[[FloatArray], FloatArray]
-# Length of the logs of a `Gaze`: short, as the servo thread may have to wait while one is made.
+# Length of the logs of a `Gaze`: short, as the construction of a log may block the servo thread.
 _GAZE_LOG_S = 30.0
 
 
@@ -57,12 +57,12 @@ class LiveGazeSettings(MountedSettings):
     """Settings of `gazempc.live.gaze.Gaze`."""
 
     clock: StampClock = Field(
-        default="unix", description="Clock of the capture times that `see` is given: unix, monotonic, other or arrival"
+        default="unix", description="Clock of the capture times of `see`: unix, monotonic, other or arrival"
     )
     source: str | None = Field(
         default=None, description="Observations besides those of `see`: ros2:TOPIC or ros4hri; default: none"
     )
-    keep_minutes: float = Field(default=10.0, gt=0, le=600, description="How much of the run the log holds")
+    keep_minutes: float = Field(default=10.0, gt=0, le=600, description="Length of the log")
 
 
 def _unknown(times_s: FloatArray) -> FloatArray:
@@ -155,7 +155,7 @@ def build(settings: LiveSettings) -> LiveSetup:
         "seed": settings.seed,
         "recording": settings.source if scene is None else scene.name,
         "settings": settings.model_dump(mode="json", exclude={"out", "figures"}),
-        # At the tick itself; on a real clock a robot is asked a little later.
+        # Read at the tick itself; on a real clock a robot is read slightly later.
         "joints": "true" if settings.simulated_clock and setup.true_state is not None else "measured",
     }
     return replace(

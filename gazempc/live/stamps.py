@@ -21,7 +21,7 @@ PER_SECOND: dict[StampUnit, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 class Stamps(Settings):
-    """What a tracker's capture times are."""
+    """Clock and unit of a tracker's capture times."""
 
     clock: StampClock = Field(
         default="unix",
@@ -112,7 +112,7 @@ class Frame:
 
 
 def shown(value: float) -> str:
-    """A number for people: three digits, and no powers of ten where there are more."""
+    """Format a number with three digits, without exponent."""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
@@ -130,11 +130,11 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True)
 class SetupHints:
-    """Names settings.
+    """Formats settings for warnings.
 
     Attributes:
         python: Whether the user writes Python (`gazempc.live.gaze.Gaze`), or a command line.
-        own_source: Whether the source is a user-defined one, which makes the loop's times itself.
+        own_source: Whether the source is a user-defined one, which provides times of the loop.
         judges_rate: Whether the frame rate is checked here; else by the source.
     """
 
@@ -149,7 +149,7 @@ class SetupHints:
         return f"--{group}.{name.replace('_', '-')} {value}"
 
     def stamps(self, clock: str, unit: str = "s") -> str:
-        """How stamps of a clock, in a unit, are read.
+        """The setting for stamps of a clock in a unit.
 
         Args:
             clock: ``unix``, ``monotonic``, ``other`` or ``arrival``.
@@ -166,7 +166,7 @@ class SetupHints:
 
 # A clock is identified from frames over at least this time.
 _LEAST_S, _CLOCK_FRAMES = 0.3, 3
-# The loop refuses what is captured later than this after now.
+# The loop refuses observations captured later than this after the present time.
 _AHEAD_S = 0.01
 # Bounds of the age of a stamp for assignment to a clock: latency, and synchronisation error.
 _LATE_S, _EARLY_S = 2.0, 0.2
@@ -182,7 +182,7 @@ def unusable(frames: Sequence[Frame], stale_after_s: float) -> bool:
 
     Args:
         frames: The frames.
-        stale_after_s: Age on arrival from which on an observation is refused, seconds.
+        stale_after_s: Maximum age of an observation on arrival, seconds.
     """
     bad = sum(not -_AHEAD_S <= frame.arrival_s - frame.capture_s <= stale_after_s for frame in frames)
     return 2 * bad >= len(frames)
@@ -195,13 +195,13 @@ def judge_stamps(
 
     Args:
         frames: The frames of the last second, in order of arrival.
-        stale_after_s: Age on arrival from which on an observation is refused, seconds.
-        reader: How stamps were read; None if the source gave the loop's times.
+        stale_after_s: Maximum age of an observation on arrival, seconds.
+        reader: Reader of the stamps; None if the source provides times of the loop.
         clock: The loop's clock.
         hints: Names of the settings in warnings.
 
     Returns:
-        What is wrong with them; None if nothing is, or too few frames have come.
+        The error; None if there is none, or with too few frames.
     """
     if len(frames) < _CLOCK_FRAMES or frames[-1].arrival_s - frames[0].arrival_s < _LEAST_S:
         return None
@@ -210,13 +210,13 @@ def judge_stamps(
     unit: StampUnit = "s" if reader is None else reader.stamps.unit
     captures_s = [frame.capture_s for frame in frames]
     numbers = np.array(captures_s if reader is None else [reader.stamp(each) for each in captures_s])
-    text = _standing(numbers / PER_SECOND[unit], hints)
+    text = _constant_stamps(numbers / PER_SECOND[unit], hints)
     if not text and unusable(frames, stale_after_s):
         text = _likely_clock(numbers, unit, frames, _known_clocks(reader, clock), hints)
     return Finding(Event.WRONG_CLOCK, text) if text else None
 
 
-def _standing(stamps_s: FloatArray, hints: SetupHints) -> str:
+def _constant_stamps(stamps_s: FloatArray, hints: SetupHints) -> str:
     distinct = np.unique(stamps_s.round(4))
     if len(stamps_s) < _STILL_FRAMES or 2 * distinct.size > len(stamps_s):
         return ""
@@ -228,7 +228,7 @@ def _standing(stamps_s: FloatArray, hints: SetupHints) -> str:
 
 
 def _known_clocks(reader: StampReader | None, clock: Clock) -> dict[str, float]:
-    """What clocks of this computer show at the zero of the loop's, seconds; first the one that stamps are read by."""
+    """Readings of this computer's clocks at the zero of the loop's, seconds; first the clock of the stamps."""
     known: dict[str, float] = {}
     if clock.is_real:
         known = {"unix": -clock.from_unix_s(0.0), "monotonic": -clock.from_monotonic_s(0.0)}
@@ -265,9 +265,9 @@ def _likely_clock(
     )
 
 
-# Two clocks that agree still differ by this much.
+# Tolerance of synchronised clocks.
 _AGREE_S = 0.01
-# No tracker is so slow. Between this and what is stale it may be the tracker as well as the clock.
+# Upper bound of a tracker's latency. Between the limit of stale observations and this the cause is ambiguous.
 _SLOWEST_S = 2.0
 
 
@@ -294,7 +294,7 @@ class ClockOffset:
         self._envelope = Envelope()
         self._resets = 0
         self._usual_s: float | None = None
-        self._believed_s = latency_s
+        self._plausible_s = latency_s
 
     def shift_s(self, arrival_s: float, capture_s: float) -> float:
         """Add a frame.
@@ -313,21 +313,21 @@ class ClockOffset:
             self._resets, self._usual_s, self.finding = envelope.resets, None, None
         if envelope.steady and self.finding is None:
             self._judge(envelope.recent_s, envelope.slope)
-        return 0.0 if self.finding is None else self.age_s - self._believed_s
+        return 0.0 if self.finding is None else self.age_s - self._plausible_s
 
     def _judge(self, recent_s: float, slope: float) -> None:
         if not -_AGREE_S <= recent_s <= _SLOWEST_S:
-            off_s = self._believed_s - self.age_s
+            off_s = self._plausible_s - self.age_s
             self._shift(f"is {shown(abs(off_s))} s {'ahead' if off_s > 0 else 'behind'}")
         elif self._usual_s is None:
-            self._usual_s = self._believed_s = self.age_s
+            self._usual_s = self._plausible_s = self.age_s
         elif slope < 0.0:
             self._shift(f"runs {-100 * slope:.1f} % fast")
 
     def _shift(self, how: str) -> None:
         text = (
             f"the tracker's clock {how}: capture times are shifted, so that the soonest frames are "
-            f"{max(self._believed_s, 0.0):.2f} s old; set the clocks of both computers by NTP, or "
+            f"{max(self._plausible_s, 0.0):.2f} s old; set the clocks of both computers by NTP, or "
             f"{self._hints.stamps('other')}"
         )
         self.finding = Finding(Event.CLOCK_SHIFTED, text)

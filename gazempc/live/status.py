@@ -15,11 +15,11 @@ from gazempc.neck.kinematics import gaze_ray, pan_tilt_rad
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.results.moments import EventMoment, LateMoment, Moment, StatusMoment, TickMoment
 
-# A line comes as often; rates are over this time.
+# Period of lines, and averaging time of rates.
 _LINE_S = 1.0
-# The last lines are waited for at the end; they take milliseconds.
+# Timeout of the last lines, which take milliseconds.
 LAST_DRAWN_S = 2.0
-# Statuses that wait for a terminal or a pipe that is not read; 15 s of them.
+# Length of the queue for a blocked terminal or pipe: 15 s.
 _WAITING = 60
 
 
@@ -47,8 +47,8 @@ class StatusLine:
     Args:
         neck: The neck.
         lost_after_s: Age of the newest observation from which on the person is lost, seconds.
-        file: Where to print; default: standard output.
-        wait_s: How long the end of the block waits for a reader, seconds.
+        file: Output stream; default: standard output.
+        wait_s: Timeout of the end of the block for a blocked reader, seconds.
     """
 
     def __init__(
@@ -74,12 +74,12 @@ class StatusLine:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Print the rest; a pipe without a reader does not keep the run from ending."""
+        """Print the rest; a pipe without a reader does not block the end of the run."""
         self._queue.put(None)
         self._thread.join(self._wait_s)
 
     def take(self, moment: Moment) -> None:
-        """Take a moment of the run; returns at once. Without a reader later statuses are lost."""
+        """Process a moment of the run; returns at once. Without a reader later statuses are lost."""
         match moment:
             case LateMoment():
                 self._late_ms = max(self._late_ms, moment.late_ms)
@@ -144,7 +144,7 @@ class StatusLine:
             parts.append("joints " + ", ".join(f"{name} {deg:+.1f}" for name, deg in angles_deg) + " deg")
         started_s = state.plan_start_s
         parts.append("no plan" if started_s is None else f"plan {1e3 * (state.time_s - started_s):.0f} ms old")
-        left_out = f", {status.skipped} left out" if status.skipped else ""
+        left_out = f", {status.skipped} skipped" if status.skipped else ""
         parts.append(f"ticks at most {self._line_late_ms:.2f} ms late{left_out}")
         if self._began:
             began = ", ".join(f"{name} {count} x" for name, count in reversed(self._began.items()))

@@ -25,7 +25,7 @@ from gazempc.results.run_summary import measure_compute, versions, without_nan
 
 _LATE_MS = 1.0
 _SHOWN_PROBLEMS = 5
-# Computers of any time zone differ by less.
+# Above the difference of clocks in any two time zones.
 _OTHER_CLOCK_S = 14 * 3600.0
 # Short reasons of refused observations, by event.
 _REASONS = {
@@ -43,16 +43,16 @@ _REASONS = {
 
 
 class KeptLogs:
-    """Writes each log of a run, and keeps the data of the summary.
+    """Writes each log of a run, and collects the data of the summary.
 
     Args:
-        settings: Settings of the run; `out` is where to write.
+        settings: Settings of the run; `out` is the output folder.
         neck: The neck.
-        on_kept: Gets the path of each complete log.
+        on_kept: Called with the path of each complete log.
 
     Attributes:
         names: Names of the logs written so far.
-        files: The same with the computing times beside them.
+        files: The same, with the files of computing times.
         violations: Violations of the neck's limits in them.
     """
 
@@ -66,7 +66,7 @@ class KeptLogs:
         self.violations = 0
 
     def keep(self, log: Log, times: ComputeTimes) -> None:
-        """Take a complete log."""
+        """Write a complete log."""
         name, compute = (f"{kind}_{len(self.names):03}.npz" for kind in ("log", "compute"))
         log.save(self._settings.out / name)
         times.save(self._settings.out / compute)
@@ -83,10 +83,10 @@ class KeptLogs:
         """Write `summary.json`.
 
         Args:
-            run: The run, over.
+            run: The run, ended.
 
         Returns:
-            What stands in it.
+            Its content.
         """
         report, late, latency = run.report, run.report.lateness, self._latency
         metrics, compute = self._metrics()
@@ -126,7 +126,7 @@ class KeptLogs:
         Returns:
             Names of the figures.
         """
-        # Matplotlib takes a second to import, which no run may wait for.
+        # Local import: Matplotlib takes a second to import.
         from gazempc.results.figures.angles import angles  # noqa: PLC0415
         from gazempc.results.figures.overview import attended  # noqa: PLC0415
         from gazempc.results.figures.people import has_attention  # noqa: PLC0415
@@ -143,12 +143,12 @@ class KeptLogs:
         """Write the report of the run.
 
         Args:
-            summary: As `write` gives it.
+            summary: Result of `write`.
             drawn: Names of the figures.
-            command: What repeats the run.
+            command: Command line that reproduces the run.
 
         Returns:
-            Name of the file; none where nothing was logged.
+            Name of the file; empty without a log.
         """
         from gazempc.results.page.run_page import live_page  # noqa: PLC0415  (slow to import)
         from gazempc.results.page.write import write_page  # noqa: PLC0415
@@ -166,14 +166,14 @@ class KeptLogs:
         try:
             return without_nan(measure(log).as_dict()), compute
         except (LeftOutError, ValueError):
-            return None, compute  # too short to be scored, or cut short by a fault
+            return None, compute  # too short to be scored, or truncated by a fault
 
 
 def text(summary: dict[str, Any]) -> str:
-    """The summary for people.
+    """The summary as text.
 
     Args:
-        summary: As `KeptLogs.write` gives it.
+        summary: Result of `KeptLogs.write`.
 
     Returns:
         Lines of text.
@@ -203,10 +203,10 @@ def text(summary: dict[str, Any]) -> str:
 
 
 def last_line(summary: dict[str, Any]) -> str:
-    """How many observations were used, and why the others were not: what a run ends with.
+    """Last line of a run: number of used observations, and reasons of the others.
 
     Args:
-        summary: As `KeptLogs.write` gives it.
+        summary: Result of `KeptLogs.write`.
 
     Returns:
         Such as ``0 of 360 used: 360 future (clock 0.1 s ahead?)``.

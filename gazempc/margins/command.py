@@ -1,4 +1,4 @@
-"""Print how wrong a neck file may be before the neck swings: `gazempc margins --neck my_neck.toml`.
+"""Print the stability margins for errors of a neck file: `gazempc margins --neck my_neck.toml`.
 
 Gain, delay and disk margin of the MPC, its observer and the dead time, for pan and tilt, while no limit is active.
 """

@@ -130,12 +130,12 @@ def too_small(mpc: Mpc) -> list[str]:
         elif distance < LEAST_DISTANCE:
             found.append(
                 f"neck {neck.name!r}: {joint}: peak sensitivity {1.0 / distance:.2f}, at most "
-                f"{1.0 / LEAST_DISTANCE:g} is wanted: small errors of the neck file may make it swing"
+                f"{1.0 / LEAST_DISTANCE:g} is wanted: small errors of the neck file may make it oscillate"
             )
         elif not _is_stable(LinearLoop(mpc, i, Mismatch(dead_time_s=late_s))):
             found.append(
-                f"neck {neck.name!r}: {joint}: delay margin below {1e3 * late_s:.0f} ms: it swings if its dead time is "
-                "longer by that"
+                f"neck {neck.name!r}: {joint}: delay margin below {1e3 * late_s:.0f} ms: it oscillates if its dead "
+                "time is longer by that"
             )
     return found
 

@@ -1,4 +1,4 @@
-"""Metrics of a run among several people, and of looks away, from the log alone."""
+"""Metrics of attention to several people and of gaze aversion, from the log alone."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gazempc.types import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class AttentionMetrics:
-    """Metrics of the attended people and of looks away; NaN where there is nothing to measure.
+    """Metrics of attention and of gaze aversion; NaN where undefined.
 
-    Each is annotated with its name for people and its factor there.
+    Each field is annotated with its display name and scale factor.
 
     Attributes:
-        contact_attended: Share of the scored time with eye contact (2.6 deg) with the attended person, where contact
-            is due.
+        contact_attended: Share of the scored time outside aversions with eye contact (2.6 deg) with the attended
+            person.
         switches_per_minute: Changes of the attended person a minute.
-        time_to_contact_after_switch_s: Median time from a switch to contact, seconds; of switches with contact.
+        time_to_contact_after_switch_s: Median time from a switch to contact, seconds, over switches with contact.
         switches_without_contact: Switches after which there was no contact before the next one.
         switch_overshoot_deg: Largest lateral overshoot of the gaze after a switch, degrees; see
             `gazempc.results.contact.overshoot_deg`.
@@ -33,17 +33,17 @@ class AttentionMetrics:
         away_share: Share of the scored time without contact during looks away.
         away_share_planned: Share of it that was planned.
         away_duration_ratio: Mean realised over mean planned duration of looks away, from contact to contact.
-        away_interval_ratio: The same of the intervals from the beginning of one to that of the next.
-        return_late_s: Median of how much later than planned contact was back, seconds.
-        return_late_p95_s: 95 % of them came back sooner.
+        away_interval_ratio: The same ratio for the intervals between the starts of successive aversions.
+        return_late_s: Median delay of contact after its planned return, seconds.
+        return_late_p95_s: 95th percentile of this delay, seconds.
     """
 
-    contact_attended: Annotated[float, "eye contact with the person looked at [%]", 100.0]
+    contact_attended: Annotated[float, "eye contact with the attended person [%]", 100.0]
     switches_per_minute: Annotated[float, "switches a minute", 1.0]
     time_to_contact_after_switch_s: Annotated[float, "contact after a switch, median [s]", 1.0]
     switches_without_contact: Annotated[float, "switches without contact", 1.0]
     switch_overshoot_deg: Annotated[float, "overshoot after a switch, at most [deg]", 1.0]
-    identity_swaps: Annotated[float, "people taken for each other", 1.0]
+    identity_swaps: Annotated[float, "identity swaps", 1.0]
     away_share: Annotated[float, "looked away [%]", 100.0]
     away_share_planned: Annotated[float, "            as planned [%]", 100.0]
     away_duration_ratio: Annotated[float, "looks away, realised / planned duration", 1.0]
@@ -98,20 +98,20 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
         found: The metrics.
 
     Returns:
-        A line on the attended people, and one on looks away, where there were any.
+        A line on the attended people, and one on gaze aversion, if any.
     """
     lines = []
     if found.switches_per_minute > 0:
         line = f"{found.switches_per_minute:.1f} switches a minute"
         if np.isfinite(found.contact_attended):
-            line = f"eye contact with the person looked at {found.contact_attended:.1%} of the time; {line}"
+            line = f"eye contact with the attended person {found.contact_attended:.1%} of the time; {line}"
         if np.isfinite(found.time_to_contact_after_switch_s):
             line += f", contact after {found.time_to_contact_after_switch_s:.2f} s"
         if found.switches_without_contact > 0:
             line += f", {found.switches_without_contact:.0f} without contact"
         lines.append(line)
     if found.identity_swaps > 0:
-        lines.append(f"people were taken for each other {found.identity_swaps:.0f} times")
+        lines.append(f"identity swaps: {found.identity_swaps:.0f}")
     if np.isfinite(found.return_late_s):
         lines.append(
             f"looked away {found.away_share:.1%} of the time (planned {found.away_share_planned:.1%}); contact came "
@@ -121,7 +121,7 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
 
 
 def _times_to_contact(log: Log, contact: BoolArray) -> FloatArray:
-    """Of the first person and of each switch to a person, time to contact before the next switch; NaN without."""
+    """Time to contact within the period of the first person and of each switch to a person; NaN without contact."""
     found = []
     for ticks in _turns(log):
         there = np.flatnonzero(contact[ticks])
@@ -130,7 +130,7 @@ def _times_to_contact(log: Log, contact: BoolArray) -> FloatArray:
 
 
 def _turns(log: Log) -> list[slice]:
-    """The ticks of each person's turn, from the first tick at which they were looked at."""
+    """Ticks of each period of attention to a person."""
     starts = np.searchsorted(log.time_s, log.attended_time_s - 1e-9).tolist()
     ends = [*starts, log.time_s.size][1:]
     return [
@@ -141,7 +141,7 @@ def _turns(log: Log) -> list[slice]:
 
 
 def _realised(log: Log, contact: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """When contact ended and was back, and when that was planned, shape (W, 2), seconds; of those that are over."""
+    """Realised and planned end and return of contact for each completed aversion, shape (W, 2), seconds."""
     realised, planned_s = [], []
     for start_s, end_s in zip(log.away_start_s.tolist(), log.away_end_s.tolist(), strict=True):
         middle = int(np.searchsorted(log.time_s, 0.5 * (start_s + end_s)))

@@ -13,20 +13,20 @@ from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.results.log import Log
 from gazempc.types import BoolArray, FloatArray
 
-# Half width of the cone in which people feel looked at: 5.2 deg diameter, Horstmann & Linke (2021); other authors'
-# wider cones beside it.
+# Half width of the cone in which people feel looked at: 5.2 deg diameter, Horstmann & Linke (2021); and wider cones of
+# other authors.
 CONTACT_DEG = (2.6, 4.0, 9.0)
-# Contact that lasts at least this long is called stable.
+# Minimum duration of stable contact.
 STABLE_S = 0.5
-# Contact that outlasts this after a start of motion is not lost to it: the dead time and lag of the slowest neck are
-# over, and at 0.3 m/s a person 4 m away has left the cone of 2.6 deg.
+# Contact held for this time after a start of motion counts as kept: the dead time and lag of the slowest neck are over,
+# and at 0.3 m/s a person 4 m away has left the cone of 2.6 deg.
 _KEPT_S = 1.0
 # Time window of overshoot after the first contact.
 OVERSHOOT_S = 1.0
 
 
 def of_known(values: FloatArray | BoolArray, statistic: Callable[[Any], Any] = np.mean) -> float:
-    """A statistic of the finite values, such as the mean; NaN if there is none.
+    """A statistic of the finite values, such as the mean; NaN without any.
 
     Args:
         values: Any shape.
@@ -49,7 +49,7 @@ def share_within(error_deg: FloatArray, limit_deg: float) -> float:
         limit_deg: Half width of the cone, degrees.
 
     Returns:
-        0 to 1; NaN if an error is not known.
+        0 to 1; NaN if an error is unknown.
     """
     return float(np.mean(error_deg <= limit_deg)) if np.isfinite(error_deg).all() else float("nan")
 
@@ -60,7 +60,7 @@ def longest_break_s(log: Log, error_deg: FloatArray, scored: BoolArray) -> float
     Args:
         log: The run.
         error_deg: Gaze error at each tick, shape (M,), degrees.
-        scored: Ticks that count, shape (M,).
+        scored: Scored ticks, shape (M,).
 
     Returns:
         Seconds.
@@ -72,14 +72,14 @@ def longest_break_s(log: Log, error_deg: FloatArray, scored: BoolArray) -> float
 
 
 def overshoot_deg(log: Log, ticks: slice = slice(None)) -> float:
-    """Lateral overshoot of the gaze after acquisition of a distant person, within 1 s from the first contact.
+    """Lateral overshoot of the gaze after acquisition from a large error, within 1 s from the first contact.
 
     Args:
         log: The run.
         ticks: The evaluated part.
 
     Returns:
-        Degrees, 0 without overshoot; NaN if the gaze was near at the start or never arrives.
+        Degrees, 0 without overshoot; NaN if the gaze starts near the person or never reaches them.
     """
     eye_base_m, direction = gaze_ray(log.neck.geometry, log.joint_position_rad[ticks])
     to_head_m, time_s = log.head_true_base_m[ticks] - eye_base_m, log.time_s[ticks]
@@ -121,7 +121,7 @@ def time_to_return(log: Log, flags: BoolArray, back_s: float) -> float:
     Args:
         log: The run.
         flags: Contact at each tick, shape (M,).
-        back_s: When the person is back, seconds; not after the last tick.
+        back_s: Time of the return, seconds; at most the last tick.
 
     Returns:
         Seconds from the next tick on; the rest of the run if there is none.
@@ -138,11 +138,11 @@ def time_from_start_to_contact(log: Log, error_deg: FloatArray, start_s: float) 
     Args:
         log: The run.
         error_deg: Gaze error at each tick, shape (M,), degrees; NaN is no contact.
-        start_s: Start of motion, seconds; NaN where there is none.
+        start_s: Start of motion, seconds; NaN without one.
 
     Returns:
         Seconds: 0 if contact holds for the first second, else until it begins to hold for 0.5 s after it was lost.
-        Where it does not come back, the time to the end of the run, a lower bound. NaN without a start.
+        Without a return, the time to the end of the run, a lower bound. NaN without a start.
     """
     after = log.time_s >= start_s
     if not after.any():
@@ -158,16 +158,16 @@ def time_from_start_to_contact(log: Log, error_deg: FloatArray, start_s: float) 
 
 
 def _lasting(flags: BoolArray, ticks: int) -> BoolArray:
-    """Ticks from which on a flag is true for so many ticks."""
+    """Whether the flag is true at each tick and the ``ticks - 1`` following ones."""
     if flags.size < ticks:
         return np.zeros(flags.size, dtype=np.bool_)
     run = np.convolve(flags, np.ones(ticks), "valid") == ticks
     return np.concatenate([run, np.zeros(flags.size - run.size, dtype=np.bool_)])
 
 
-# The true rate of the head's direction is a central difference over this time, as of its motion (docs/metrics.md).
+# Interval of the central difference that estimates the true rate of the head's direction (docs/metrics.md).
 _RATE_OVER_S = 0.3
-# Time without an observation after which the head counts as out of sight.
+# Observation gap beyond which the head is out of view.
 _OUT_OF_SIGHT_S = 0.5
 
 

@@ -11,25 +11,25 @@ from gazempc.results.log import FORECAST_HORIZONS_S, Log
 from gazempc.types import BoolArray, FloatArray
 
 _AXES = 3
-# From here on the two distributions agree to nine digits, and `fdtri` fails somewhere beyond 1e100.
+# Beyond it both distributions agree to nine digits; `fdtri` fails somewhere beyond 1e100.
 _NORMAL_FROM = 1e12
 
 
 def squared_radius(degrees_of_freedom: ArrayLike, share: float, axes: int = _AXES) -> FloatArray:
-    """Squared radius, in units of the covariance, of the ellipsoid that should hold a share of the errors.
+    """Squared Mahalanobis radius of the ellipsoid with a nominal coverage of the errors.
 
-    With S the covariance and e the error, it bounds ``e' S^-1 e``. The errors of a forecast with nu degrees of freedom
+    With covariance S and error e, it bounds ``e' S^-1 e``. The errors of a forecast with nu degrees of freedom
     are assumed to have a multivariate t distribution of that covariance. Its scale matrix is ``S (nu - 2) / nu``, and
     the squared Mahalanobis distance by that matrix over d axes, divided by d, has the distribution F(d, nu). In the
     limit of infinite nu it is normal, and ``e' S^-1 e`` has the distribution chi-square(d).
 
     Args:
-        degrees_of_freedom: Those of each forecast, any shape, above 2; infinite for a normal distribution.
-        share: The share that should be inside, 0 to 1.
+        degrees_of_freedom: Degrees of freedom of each forecast, any shape, above 2; infinite for a normal distribution.
+        share: Nominal coverage, 0 to 1.
         axes: d; 2 for the ellipse seen from above.
 
     Returns:
-        Of the same shape.
+        Squared radii, of the same shape.
     """
     nu = np.asarray(degrees_of_freedom, dtype=np.float64)
     radius = np.full(nu.shape, float(chdtri(axes, 1.0 - share)))
@@ -39,12 +39,12 @@ def squared_radius(degrees_of_freedom: ArrayLike, share: float, axes: int = _AXE
 
 
 def inside(nees: FloatArray, degrees_of_freedom: FloatArray, share: float) -> BoolArray:
-    """Errors inside the ellipsoid that should hold a share of them, see `squared_radius`.
+    """Errors inside the ellipsoid of a nominal coverage, see `squared_radius`.
 
     Args:
         nees: Normalised squared errors ``e' S^-1 e``, shape (N,).
-        degrees_of_freedom: Those of each forecast, shape (N,).
-        share: The share that should be inside, 0 to 1.
+        degrees_of_freedom: Degrees of freedom of each forecast, shape (N,).
+        share: Nominal coverage, 0 to 1.
 
     Returns:
         Shape (N,); False where `nees` is NaN.
@@ -53,7 +53,7 @@ def inside(nees: FloatArray, degrees_of_freedom: FloatArray, share: float) -> Bo
 
 
 _HALF_SECOND = 1  # of the horizons in the log
-# Of a person at rest; 0.6 m/s over 0.5 s, half the speed of a walk.
+# Minimum distance of a false start: 0.6 m/s over 0.5 s, half the speed of a walk.
 _FALSE_START_M = 0.3
 
 
@@ -86,7 +86,7 @@ def false_starts_per_min(log: Log) -> float:
         log: The run of a person who does not leave the spot.
 
     Returns:
-        Episodes a minute of observations whose forecast for 0.5 s after capture lies over 0.3 m, horizontally, from the
+        Episodes a minute of observations whose forecast for 0.5 s after capture is over 0.3 m, horizontally, from the
         observed position; episodes less than 0.5 s apart are one. NaN without two observations.
     """
     capture_s = np.sort(log.capture_time_s)

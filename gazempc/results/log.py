@@ -23,19 +23,19 @@ class RunInfo(BaseModel):
     """Description of a run; it is kept in the log.
 
     Attributes:
-        recording: Name of the recording; of a live run its source.
+        recording: Name of the recording; for a live run its source.
         kind: Kind of data, such as ``synthetic``; ``live`` for a person in front of the robot.
         subject: The person.
-        group: Route group, None where it is not known.
+        group: Route group; None if unknown.
         controller: Name of the controller.
         predictor: Name of the predictor.
-        neck: The neck that moved.
-        sensor: The sensor's specification; of a live run its name only.
+        neck: Specification of the neck.
+        sensor: The sensor's specification; for a live run its name only.
         seed: Seed of the simulated noise.
         mode: ``replay`` in simulated time, ``live`` on a clock.
         robot: Name of the robot.
-        joints: ``true`` if the log holds where the joints were, known in simulation only; ``measured`` if it holds
-            what a robot reported.
+        joints: ``true`` if the log contains true joint angles (simulation only); ``measured`` if it contains a robot's
+            readings.
         settings: All settings of the run.
     """
 
@@ -57,21 +57,21 @@ class RunInfo(BaseModel):
 
     @property
     def knows_true_head(self) -> bool:
-        """Whether the true head is known, as in replays; in a live run it is not."""
+        """Whether the true head is known: in replays, not in live runs."""
         return self.kind != "live"
 
     def as_json(self) -> str:
-        """JSON text, keys sorted: equal runs give equal texts."""
+        """JSON text with sorted keys: equal runs give equal texts."""
         return json.dumps(self.model_dump(), sort_keys=True)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """An exception that the loop survived.
+    """An exception caught by the loop.
 
     Attributes:
         event: Name of the event in the log.
-        count: Number of times that it came.
+        count: Number of occurrences.
         error: The first exception in one line, such as ``TypeError: ...``.
         traceback: Its traceback.
     """
@@ -83,7 +83,7 @@ class Fault:
 
     @property
     def line(self) -> str:
-        """In one line, such as ``forecast_failed (412 x): TypeError: ...``."""
+        """The fault in one line, such as ``forecast_failed (412 x): TypeError: ...``."""
         return f"{self.event} ({self.count} x): {self.error}"
 
 
@@ -112,10 +112,10 @@ class Log:
         head_observed_base_m: Observed heads, shape (F, 3), metres.
         person_id: The sensor's names of the observed people, shape (F,); an empty text if there is no name.
         forecast_mean_base_m: Forecast after each observation at each of `forecast_horizon_s` from its capture,
-            shape (F, 3, 3): observation, horizon, axis; NaN where there was none.
+            shape (F, 3, 3): observation, horizon, axis; NaN without a forecast.
         forecast_covariance_m2: Shape (F, 3, 3, 3), square metres.
-        forecast_degrees_of_freedom: Those of the t distribution that each forecast states, shape (F,); infinite for a
-            normal one, NaN where there was no forecast.
+        forecast_degrees_of_freedom: Degrees of freedom of each forecast's t distribution, shape (F,); infinite for a
+            normal one, NaN without a forecast.
         forecast_true_base_m: True head at these times, NaN past the end of the recording, shape (F, 3, 3), metres.
         forecast_horizon_s: Shape (3,), seconds.
         event_time_s: Beginning of each event, shape (E,), seconds.
@@ -162,7 +162,7 @@ class Log:
 
     @property
     def looks_away(self) -> BoolArray:
-        """Ticks at which the gaze is to be elsewhere than on the person, shape (M,)."""
+        """Ticks of planned gaze aversion, shape (M,)."""
         away = np.zeros(self.time_s.size, dtype=np.bool_)
         for start_s, end_s in zip(self.away_start_s.tolist(), self.away_end_s.tolist(), strict=True):
             away |= (self.time_s >= start_s) & (self.time_s <= end_s)
@@ -170,7 +170,7 @@ class Log:
 
     @property
     def neck(self) -> NeckSpec:
-        """The neck that moved."""
+        """The neck."""
         return self.run.neck
 
     def save(self, path: Path | str | BinaryIO) -> None:
@@ -204,7 +204,7 @@ class Log:
 
 @dataclass(frozen=True)
 class ComputeTimes:
-    """Computing times; kept apart from the log, because they differ from run to run.
+    """Computing times; stored separately from the log, as they are not reproducible.
 
     Attributes:
         update_ms: Predictor update of each observation, shape (F,), milliseconds.
@@ -230,19 +230,19 @@ _ONCE = ("run", "forecast_horizon_s", "faults")
 
 
 def join_logs(logs: Sequence[Log]) -> Log:
-    """Join logs of one run.
+    """Concatenate the logs of one run.
 
     Args:
         logs: At least one, in temporal order.
 
     Returns:
-        One log; an event that lasted over an end begins once more after it.
+        One log; an event that spans a boundary begins again after it.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no log.
     """
     if not logs:
-        raise ValueError("nothing to join: needed is at least one log")
+        raise ValueError("nothing to join: expected at least one log")
     joined: dict[str, Any] = {
         f.name: np.concatenate([getattr(log, f.name) for log in logs]) for f in fields(Log) if f.name not in _ONCE
     }
@@ -250,13 +250,13 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
 
 def merge_faults(faults: Iterable[Fault]) -> tuple[Fault, ...]:
-    """Faults of several logs.
+    """Merge the faults of several logs.
 
     Args:
-        faults: In the order of time.
+        faults: The faults in temporal order.
 
     Returns:
-        Each event once: its first exception, and how often it came in all.
+        One fault per event: its first exception, and the total count.
     """
     merged: dict[str, Fault] = {}
     for fault in faults:

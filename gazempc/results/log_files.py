@@ -1,4 +1,4 @@
-"""A log from a file: numpy's or MCAP; the shapes of its arrays are checked."""
+"""Reads a log from an .npz or MCAP file, and validates its arrays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gazempc.files.npz import read_npz
 from gazempc.results.log import FORECAST_HORIZONS_S, Fault, Log, RunInfo
 
 _REASON_SHOWN = 400
-# Larger numbers than any second since 1970 or any metre are damage, and their squares would overflow.
+# Plausibility bound, beyond any Unix time or position: squares of larger numbers may overflow.
 _LARGEST = 1e12
 # Upper bound of the time between two ticks, and of the age of a reading.
 _LONGEST_GAP_S = 60.0
@@ -26,7 +26,7 @@ _FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s",
 # The first bytes of every MCAP file.
 MAGIC = b"\x89MCAP0\r\n"
 ATTACHMENT = "log.npz"
-# The names of attachments stand in the summary at a file's end.
+# Names of attachments are in the summary at the end of a file.
 _SUMMARY_BYTES = 2**20
 NEEDS_VIEW = 'MCAP files need more packages: pip install -e ".[view]"'
 SHAPES: Mapping[str, tuple[str | int, ...]] = {
@@ -38,7 +38,7 @@ _KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "away_why": 
 
 
 def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horizons_s: Sequence[float]) -> None:
-    """Refuse arrays of inconsistent kinds or lengths, and ticks that do not follow each other.
+    """Validate types and shapes of arrays, and the order of ticks.
 
     Args:
         path: File, for messages.
@@ -47,13 +47,13 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
         horizons_s: Horizons at which logs have forecasts, seconds.
 
     Raises:
-        SettingsError: Names the array.
+        SettingsError: If an array is invalid; names it.
     """
     counts = {"J": joints}
     for name, axes in SHAPES.items():
         array = values[name]
         if array.size and array.dtype.kind != _KINDS.get(name, "f"):
-            raise _damaged(path, name, f"it holds {array.dtype}")
+            raise _damaged(path, name, f"its type is {array.dtype}")
         shape = tuple(
             axis if isinstance(axis, int) else counts.setdefault(axis, length)
             for axis, length in zip(axes, array.shape, strict=False)
@@ -67,7 +67,7 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
         if name in _FINITE and not np.isfinite(array).all():
             raise _damaged(path, name, "it has values that are not finite")
     if not np.array_equal(values["forecast_horizon_s"], horizons_s):
-        raise _damaged(path, "forecast_horizon_s", f"expected are {', '.join(map(str, horizons_s))} s")
+        raise _damaged(path, "forecast_horizon_s", f"expected {', '.join(map(str, horizons_s))} s")
     time_s, joint_time_s = values["time_s"], values["joint_time_s"]
     steps_s = np.diff(time_s)
     if not ((steps_s > 0.0) & (steps_s < _LONGEST_GAP_S)).all():
@@ -77,7 +77,7 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
 
 
 def _damaged(path: Path | str, name: str, problem: str) -> SettingsError:
-    return SettingsError(f"{path}: {name}: {problem}: not a log that can be used")
+    return SettingsError(f"{path}: {name}: {problem}: not a valid log")
 
 
 def has_log(path: Path) -> bool:
@@ -100,16 +100,16 @@ def has_log(path: Path) -> bool:
 
 
 def is_mcap(path: Path) -> bool:
-    """Whether a file begins as MCAP files do.
+    """Whether a file has the magic bytes of MCAP.
 
     Args:
         path: The file.
 
     Returns:
-        True if it does.
+        True for an MCAP file.
 
     Raises:
-        OSError: If it cannot be read, or is no regular file.
+        OSError: If the file cannot be read, or is not a regular file.
     """
     check_file(path)
     with path.open("rb") as file:
@@ -137,7 +137,7 @@ def attached_log(path: Path) -> bytes:
         with path.open("rb") as file:
             found = [each.data for each in make_reader(file).iter_attachments() if each.name == ATTACHMENT]
     except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
-        raise SettingsError(f"{path}: not an MCAP file that can be read: {shown(str(error), 200)}") from None
+        raise SettingsError(f"{path}: not a readable MCAP file: {shown(str(error), 200)}") from None
     if not found:
         raise SettingsError(f"{path}: no log of gazempc is in this MCAP file")
     return bytes(found[0])
@@ -159,7 +159,7 @@ def read_arrays(path: Path | str) -> dict[str, Any]:
         return dict(read_npz(attached_log(Path(path)) if is_mcap(Path(path)) else Path(path)))
     except (OSError, ValueError) as error:
         reason = error.strerror or error if isinstance(error, OSError) else error
-        raise SettingsError(f"{path}: not a log that can be read: {reason}") from None
+        raise SettingsError(f"{path}: not a readable log: {reason}") from None
 
 
 def load_log(path: Path | str) -> Log:

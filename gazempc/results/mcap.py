@@ -27,8 +27,8 @@ def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> 
 
     Args:
         log: The log.
-        path: File to write; an old one is replaced.
-        plans: The plans of the run, where they were kept.
+        path: File to write; an existing one is replaced.
+        plans: The plans of the run, if available.
 
     Raises:
         SettingsError: If a package is missing or the file cannot be written.
@@ -51,7 +51,7 @@ def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> list[Moment]:
 
     Args:
         log: The log. Plans, lateness and pictures are not in it.
-        plans: The plans of the run, in temporal order, where they were kept.
+        plans: The plans of the run in temporal order, if available.
 
     Returns:
         The moments in temporal order.

@@ -23,14 +23,14 @@ from gazempc.types import FloatArray, JointState
 
 
 class McapWriter:
-    """Writes all that is logged to its context, until it is closed.
+    """Writes all messages of its context to a file, until closed.
 
     Args:
         run: Description of the run; kept in the file's metadata.
-        path: File to write; an old one is replaced.
+        path: File to write; an existing one is replaced.
 
     Attributes:
-        context: Of the channels.
+        context: Context of the channels.
 
     Raises:
         SettingsError: If the file cannot be written.
@@ -49,8 +49,8 @@ class McapWriter:
         """Write metadata.
 
         Args:
-            name: Their name.
-            about: Their content.
+            name: Name of the metadata.
+            about: Content.
         """
         self._writer.write_metadata(name, about)
 
@@ -70,7 +70,7 @@ class McapWriter:
         """Finish the file.
 
         Raises:
-            SettingsError: If it cannot be written.
+            SettingsError: If the file cannot be written.
         """
         try:
             self._writer.close()
@@ -78,7 +78,7 @@ class McapWriter:
             raise SettingsError(f"{self._path}: cannot be written: {error}") from None
 
 
-# Scenes are for the eye: 50 a second are enough. Numbers come at every tick.
+# Scenes are written at 50 Hz, numbers at every tick.
 _SCENE_PERIOD_S = 0.02
 _ABOUT_NOW_S = 1e-6
 _UNKNOWN = np.full(3, np.nan)
@@ -90,7 +90,7 @@ class Channels:
 
     Args:
         run: Description of the run.
-        context: Receives them, and writes or serves them.
+        context: Writes or serves the messages.
     """
 
     def __init__(self, run: RunInfo, context: foxglove.Context) -> None:
@@ -116,12 +116,12 @@ class Channels:
         self._scene_due_s = -math.inf
 
     def _json(self, topic: str, properties: dict[str, Any]) -> foxglove.Channel:
-        # The fields by name, so that viewers offer them before the first message.
+        # Named fields, which viewers can plot before the first message.
         schema = {"type": "object", "properties": properties}
         return foxglove.Channel(topic, schema=schema, context=self._context)
 
     def _numbers(self, topic: str, columns: Sequence[str]) -> Callable[[Sequence[Any], int], None]:
-        """A channel of rows; the function that sends a row at a time in nanoseconds."""
+        """Open a channel of rows; returns its send function of row and time in nanoseconds."""
         channel = self._json(topic, {name: {"type": "string" if name == "person_id" else "number"} for name in columns})
 
         def send(row: Sequence[Any], at: int) -> None:
@@ -132,7 +132,7 @@ class Channels:
         return send
 
     def write(self, moment: moments.Moment) -> None:
-        """Write what happened.
+        """Write a moment.
 
         Args:
             moment: The moment.
@@ -173,7 +173,7 @@ class Channels:
         self._true_joints = self._late = None
         behind_s = tick.time_s - self._scene_due_s
         if behind_s >= -_ABOUT_NOW_S:
-            # In step with the ticks, though each may come a little late.
+            # Synchronous with the ticks despite their jitter.
             self._scene_due_s = _SCENE_PERIOD_S + (tick.time_s if behind_s > _SCENE_PERIOD_S else self._scene_due_s)
             self._draw(tick, joints, head_m, at)
 

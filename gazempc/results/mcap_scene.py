@@ -19,13 +19,13 @@ _HERE = (0.0, 0.0, 0.0)
 
 
 class PlacedFrame(NamedTuple):
-    """A frame in another one.
+    """Pose of a frame in its parent frame.
 
     Attributes:
-        parent: Name of the other one.
-        child: Its name.
-        position_m: Its origin there, metres.
-        turn: Its orientation there.
+        parent: Name of the parent frame.
+        child: Name of the frame.
+        position_m: Origin in the parent frame, metres.
+        turn: Orientation in the parent frame.
     """
 
     parent: str
@@ -35,12 +35,12 @@ class PlacedFrame(NamedTuple):
 
 
 def nanoseconds(time_s: float) -> int:
-    """A time as MCAP files have it: whole nanoseconds, none before zero."""
+    """A time in whole nanoseconds, as in MCAP files; negative times become 0."""
     return max(0, round(1e9 * time_s))
 
 
 def stamp(time_s: float) -> fox.Timestamp:
-    """A time as messages have it; none before zero."""
+    """A time as a message's stamp; negative times become 0."""
     seconds, rest = divmod(nanoseconds(time_s), 10**9)
     return fox.Timestamp(sec=seconds, nsec=rest)
 
@@ -53,7 +53,7 @@ def neck_frames(neck: NeckSpec, angles_rad: FloatArray) -> list[PlacedFrame]:
         angles_rad: Angles of all joints in the order of `NeckSpec.joint_names`, shape (N,), radians.
 
     Returns:
-        Each in the one before; ``eye`` looks along its x axis.
+        Each frame in the previous one; the x axis of ``eye`` is the line of sight.
     """
     at = dict(zip(neck.joint_names, angles_rad.tolist(), strict=True))
     # Tilting up turns +x towards +z: about -y.
@@ -71,8 +71,8 @@ def camera_frame(run: RunInfo) -> PlacedFrame:
     """Frame of the sensor: x along its view, y left, z up.
 
     Args:
-        run: Description of the run. A live run has the place of its sensor; the sensor of a replay is in the base's
-            origin, or on the tilt axis if it moves with the head.
+        run: Description of the run. A live run has the mounting pose of its sensor; the sensor of a replay is at the
+            base's origin, or on the tilt axis if it moves with the head.
 
     Returns:
         The frame in ``base``, ``tilt`` or ``eye``.
@@ -89,7 +89,7 @@ def person_frame(head_base_m: FloatArray, quat_wxyz: FloatArray | None) -> Place
 
     Args:
         head_base_m: Its position, shape (3,), metres.
-        quat_wxyz: Its orientation, shape (4,); None if it was not observed: then that of the base.
+        quat_wxyz: Its orientation, shape (4,); None if not observed: then the base's.
 
     Returns:
         The frame ``person`` in the base.
@@ -132,7 +132,7 @@ def _vector(xyz: Sequence[float]) -> fox.Vector3:
 
 # Diameters of true and observed head; the observed one is smaller, so that both are visible.
 _HEAD_M, _OBSERVED_M = 0.2, 0.1
-# Axes of an ellipsoid of two standard deviations are four of them long.
+# A full axis of a 2-sigma ellipsoid is four standard deviations long.
 _AXIS_SDS = 4.0
 _GAZE_LENGTH_M = 4.0
 # Okabe & Ito (2008): for colour-blind people, too.
@@ -142,7 +142,7 @@ _GAZE, _PLAN = fox.Color(r=0.84, g=0.37, b=0.0, a=1.0), fox.Color(r=0.8, g=0.47,
 
 
 def person_entity(name: str, head_base_m: FloatArray, time_s: float) -> fox.SceneEntity:
-    """A head: ``person`` where it is, ``observed`` where the sensor saw it.
+    """A head: ``person`` at the true position, ``observed`` at the measured one.
 
     Args:
         name: ``person`` or ``observed``.
@@ -188,7 +188,7 @@ def gaze_entity(geometry: Geometry, angles_rad: FloatArray, time_s: float) -> fo
 
 
 def plan_entity(geometry: Geometry, planned_rad: FloatArray, time_s: float) -> fox.SceneEntity:
-    """A plan as the line along which it leads the end of the gaze ray.
+    """A plan as the path of the gaze ray's end point.
 
     Args:
         geometry: The neck's geometry.
@@ -212,7 +212,7 @@ def _ellipsoid(mean_m: FloatArray, covariance_m2: FloatArray) -> fox.SpherePrimi
 
 
 def _entity(name: str, time_s: float, **drawn: Any) -> fox.SceneEntity:
-    # Each replaces the one before it of the same name.
+    # An entity replaces the previous one of the same name.
     return fox.SceneEntity(timestamp=stamp(time_s), frame_id=BASE, id=name, lifetime=fox.Duration(sec=0), **drawn)
 
 

@@ -28,7 +28,7 @@ _FEWEST_SCORED = 10
 class Metrics:
     """Metrics of one run; the fields are the keys of `summary.json`. NaN where the log does not determine them.
 
-    Gaze, contact and smoothness are taken from 1.0 s after the first frame to the last frame; peaks and violations
+    Gaze, contact and smoothness are evaluated from 1.0 s after the first frame to the last frame; peaks and violations
     over the whole run. RMS acceleration adds all joints. The names of the forecast's metrics hold the horizon in ms.
     """
 
@@ -76,18 +76,18 @@ def gaze_error_deg(log: Log) -> FloatArray:
         log: The run.
 
     Returns:
-        Angles, shape (M,), degrees; NaN where true head or joints are not known.
+        Angles, shape (M,), degrees; NaN where true head or joints are unknown.
     """
     error = gaze_error_rad(log.neck.geometry, log.joint_position_rad, log.head_true_base_m)
     return np.rad2deg(error)
 
 
 def scored_ticks(log: Log, known: FloatArray) -> BoolArray:
-    """Ticks that are scored: from 1.0 s on, where contact is due.
+    """Scored ticks: from 1.0 s on, except during gaze aversion.
 
     Args:
         log: The run.
-        known: What is scored, shape (M,); NaN if unknown.
+        known: The scored quantity, shape (M,); NaN if unknown.
 
     Returns:
         Shape (M,).
@@ -148,11 +148,11 @@ def gap_closed(rms_deg: float, reactive_rms_deg: float, perfect_rms_deg: float) 
 
     Args:
         rms_deg: RMS gaze error of the controller in question, degrees.
-        reactive_rms_deg: That of the reactive gaze.
-        perfect_rms_deg: That of the MPC with the true future.
+        reactive_rms_deg: RMS error of the reactive gaze.
+        perfect_rms_deg: RMS error of the MPC with the true future.
 
     Returns:
-        1 at the limit of the neck, 0 for reactive control; NaN if these two are equal.
+        1 at the limit of the neck, 0 for reactive control; NaN if both references are equal.
     """
     gap = reactive_rms_deg - perfect_rms_deg
     return (reactive_rms_deg - rms_deg) / gap if gap > 0 else float("nan")

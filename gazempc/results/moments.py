@@ -1,4 +1,4 @@
-"""Moments of a run, one value each: written for viewers as it happens, or from a log afterwards."""
+"""Moments of a run, one value each: a stream for viewers during the run, or from its log."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class TickMoment(NamedTuple):
 
     Attributes:
         time_s: The time, seconds.
-        joints: The joints as measured, or where a `JointsMoment` came just before, as they are; None if not known.
+        joints: Measured joint state, or after a `JointsMoment` the true one; None if unknown.
         sent_rad: The command that was sent, shape (N,), radians.
         motions: Position, velocity and acceleration of the command, one triple a joint, radians and seconds.
         head_true_base_m: The true head, shape (3,), metres; None or NaN if unknown.
@@ -26,13 +26,13 @@ class TickMoment(NamedTuple):
 
 
 class JointsMoment(NamedTuple):
-    """Where the joints of a simulated neck really are at the next tick."""
+    """True joint state of a simulated neck at the next tick."""
 
     joints: JointState
 
 
 class SeenMoment(NamedTuple):
-    """An observation that is used, and the forecast after it.
+    """A used observation, and the forecast after it.
 
     Attributes:
         time_s: Time of its arrival, seconds.
@@ -41,10 +41,10 @@ class SeenMoment(NamedTuple):
         head_quat_wxyz: Its orientation, shape (4,); None if it was not observed.
         person_id: The sensor's name of the person; empty without one.
         means_base_m: Forecast at `gazempc.results.log.FORECAST_HORIZONS_S` from the capture, shape (3, 3), metres; NaN
-            where there is none.
+            without one.
         covariances_m2: Shape (3, 3, 3), square metres.
-        degrees_of_freedom: Of the t distribution that the forecast states.
-        true_base_m: True heads at these times, shape (3, 3), metres; None while they are not known.
+        degrees_of_freedom: Degrees of freedom of the forecast's t distribution.
+        true_base_m: True heads at these times, shape (3, 3), metres; None if unknown.
     """
 
     time_s: float
@@ -59,7 +59,7 @@ class SeenMoment(NamedTuple):
 
 
 class PlanMoment(NamedTuple):
-    """A plan whose first command is sent now.
+    """A plan at the time of its first command.
 
     Attributes:
         time_s: The time, seconds.
@@ -77,12 +77,12 @@ class PlanMoment(NamedTuple):
 
 
 class EventMoment(NamedTuple):
-    """An event that begins.
+    """Start of an event.
 
     Attributes:
         time_s: The time, seconds.
         name: Its name.
-        text: The exception behind it, or its name.
+        text: Its exception, or its name.
     """
 
     time_s: float
@@ -91,12 +91,12 @@ class EventMoment(NamedTuple):
 
 
 class AttendedMoment(NamedTuple):
-    """Among several people: the attended person from now on.
+    """Change of the attended one of several people.
 
     Attributes:
         time_s: The time, seconds.
         person: Number of the person, in order of entry; 0 for none.
-        why: Why, in a word.
+        why: Reason, one word.
     """
 
     time_s: float
@@ -108,8 +108,8 @@ class LateMoment(NamedTuple):
     """Delay of the next tick.
 
     Attributes:
-        late_ms: Later than due, milliseconds.
-        skipped: Ticks that are left out before it.
+        late_ms: Delay, milliseconds.
+        skipped: Number of ticks skipped before it.
     """
 
     late_ms: float
@@ -129,7 +129,7 @@ class PictureMoment(NamedTuple):
 
 
 class StatusMoment(NamedTuple):
-    """State of the loop for status lines, four times a second; it is in no log.
+    """State of the loop for status lines, four times a second; not logged.
 
     Attributes:
         time_s: The time, seconds.
@@ -153,7 +153,7 @@ class StatusMoment(NamedTuple):
 
 
 class CutMoment(NamedTuple):
-    """A log ends here, and the next one begins."""
+    """Boundary between two logs."""
 
 
 Moment = (

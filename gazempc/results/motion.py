@@ -1,4 +1,4 @@
-"""Motion of the joints: peaks, smoothness and violations of limits, at the times at which the joints were read."""
+"""Motion of the joints: peaks, smoothness and limit violations, at the times of the readings."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def reversals(angle_deg: FloatArray) -> int:
         angle_deg: The joint's angle over time, shape (N,), degrees.
 
     Returns:
-        Number of turns.
+        Number of reversals.
     """
     count, way = 0, 0
     low = high = float(angle_deg[0])
@@ -96,17 +96,17 @@ def reversals(angle_deg: FloatArray) -> int:
 
 # Minimum interval of readings, in servo periods: shorter ones amplify encoder noise in derivatives.
 _NEAREST_PERIODS = 0.5
-# A third difference needs so many readings.
+# Minimum number of readings, for a third difference.
 _FEWEST = 4
 
 
 @dataclass(frozen=True)
 class Readings:
-    """The readings of the joints in a log: one each time that the robot had something new.
+    """New joint readings of a log.
 
     Attributes:
-        tick: At which ticks they came, shape (K,).
-        time_s: When the joints were there, increasing, shape (K,), seconds.
+        tick: Ticks of their arrival, shape (K,).
+        time_s: Measurement times, increasing, shape (K,), seconds.
         position_rad: Angles of all joints, shape (K, N), radians.
     """
 
@@ -116,13 +116,13 @@ class Readings:
 
 
 def readings(log: Log) -> Readings:
-    """The readings of the joints; of those nearer than half a servo period the first one.
+    """The new joint readings; only the first of those within half a servo period.
 
     Args:
         log: The run.
 
     Returns:
-        The readings; none where the joints were not read.
+        The readings; empty without joint feedback.
     """
     known = np.flatnonzero(np.isfinite(log.joint_time_s) & np.isfinite(log.joint_position_rad).all(axis=1))
     nearest_s = _NEAREST_PERIODS * log.neck.servo_period_s
@@ -131,10 +131,10 @@ def readings(log: Log) -> Readings:
 
 
 def derivative(values: FloatArray, time_s: FloatArray, order: int) -> FloatArray:
-    """Derivatives from differences of values at any times.
+    """Finite-difference derivatives at irregular times.
 
     By the mean value theorem each equals the derivative at a time between the first and the last of its ``order + 1``
-    values. So their maximum never exceeds that of the motion, also at irregular times.
+    values. So their maximum never exceeds that of the motion.
 
     Args:
         values: Shape (K, N).
@@ -150,7 +150,7 @@ def derivative(values: FloatArray, time_s: FloatArray, order: int) -> FloatArray
 
 
 def motion_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
-    """Smoothness and peaks of joints, head and gaze, and how far the eyes are from their middle.
+    """Smoothness and peaks of joints, head and gaze, and eccentricity of the eyes.
 
     Args:
         log: The run.
@@ -188,7 +188,7 @@ def eye_eccentricity_deg(log: Log) -> FloatArray:
         log: The run.
 
     Returns:
-        Angles, shape (M,), degrees; NaN of a neck without eyes, and where the joints were not read.
+        Angles, shape (M,), degrees; NaN for a neck without eyes, and without joint readings.
     """
     if log.neck.eyes is None:
         return np.full(log.time_s.size, np.nan)
@@ -211,7 +211,7 @@ def _rms_acceleration(position_rad: FloatArray, time_s: FloatArray, counts: Bool
 
 
 def _gaze_speed(neck: NeckSpec, read: Readings, counts: BoolArray) -> FloatArray:
-    """Speed of the gaze's direction from the first to the last reading that counts, at even times, shape (S,), 1/s."""
+    """Speed of the gaze direction from the first to the last scored reading, resampled uniformly, shape (S,), 1/s."""
     within_s = read.time_s[counts]
     if within_s.size < _FEWEST:
         return np.empty(0)
@@ -231,8 +231,8 @@ _TOLERANCE = 1e-6
 def limit_violations(log: Log, neck: NeckSpec) -> int:
     """Count ticks and joints at which command or joint is outside the neck's limits.
 
-    Position, velocity, acceleration and jerk are those of the positions in the log, by differences; both the
-    command's and the joint's count. In a live run the position that was sent counts, and the motion of the command.
+    In a replay: positions of commands and joints, and their finite differences. In a live run: the commands sent, and
+    the planned velocity, acceleration and jerk.
 
     Args:
         log: The run.
@@ -244,12 +244,12 @@ def limit_violations(log: Log, neck: NeckSpec) -> int:
     dt_s, command_rad, count = neck.servo_period_s, log.command_position_rad, 0
     limits = (neck.velocity_max_rad_s, neck.acceleration_max_rad_s2, neck.jerk_max_rad_s3)
     if log.run.joints == "measured":
-        # Readings come at uneven times, and a robot may round commands to steps of its own: the planned motion counts.
+        # Readings are irregular, and a robot may quantise commands: the planned motion is checked.
         positions = [command_rad]
         jerk = np.diff(log.command_acceleration_rad_s2, axis=0) / dt_s
         planned = (log.command_velocity_rad_s, log.command_acceleration_rad_s2, jerk)
         motions = list(zip(planned, limits, strict=True))
-        # A robot reaches its first command at a speed of its own, but it must not get a jump.
+        # A robot may approach its first command at its own speed, but commands must not jump.
         step_rad = neck.velocity_max_rad_s * dt_s + _ROBOT_STEP_RAD
         count = int(np.sum(np.abs(np.diff(command_rad, axis=0)) > step_rad))
     else:

@@ -1,4 +1,4 @@
-"""Figures of a run: metrics, computing times, survived exceptions, and `summary.json`."""
+"""Figures of a run: metrics, computing times, caught exceptions, and `summary.json`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def measure_compute(times: ComputeTimes, control_period_s: float) -> ComputeMetr
     """Summarise compute times.
 
     Args:
-        times: Times that the loop measured.
+        times: Times measured by the loop.
         control_period_s: Deadline of a step, seconds.
 
     Returns:
@@ -71,7 +71,7 @@ _PACKAGES = ("gazempc", "daqp", "numpy", "scipy", "filterpy", "ruckig", "matplot
 
 
 def label(controller: str) -> str:
-    """Name of a controller for people; a user-defined one keeps its name."""
+    """Display name of a controller; a user-defined one keeps its name."""
     return LABELS.get(controller, controller)
 
 
@@ -92,7 +92,7 @@ class Row:
 
 
 def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[Row]:
-    """Add to each controller how much of the gap to perfect foresight it closes.
+    """Add to each controller the closed share of the gap to perfect foresight.
 
     Args:
         results: Controller, predictor and figures of each run on one recording.
@@ -115,13 +115,13 @@ def faults(log: Log) -> list[dict[str, Any]]:
         log: The run.
 
     Returns:
-        For each event its name, how often it came, the first exception and its traceback.
+        Name, count, first exception and its traceback of each event.
     """
     return [dict(vars(fault)) for fault in log.faults]
 
 
 def versions() -> dict[str, str]:
-    """Versions of what made the figures.
+    """Versions of the software that computed the figures.
 
     Returns:
         Python, platform and packages.
@@ -148,7 +148,7 @@ def write_summary(path: Path, about: dict[str, Any], rows: list[Row]) -> None:
 
 
 def without_nan(value: Any) -> Any:
-    """Figures with null in the place of NaN and infinity, which JSON lacks."""
+    """A value with None in place of NaN and infinity, which JSON lacks."""
     if isinstance(value, dict):
         return {key: without_nan(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -20,11 +20,11 @@ from gazempc.results.run_summary import Row, label, make_rows, measure_compute
 
 @dataclass(frozen=True)
 class Repeats:
-    """Figures of one controller on one recording, once for each seed.
+    """Figures of one controller on one recording for each seed.
 
     Attributes:
         seeds: Seeds of the noise; logs and figures are of the first one.
-        rows: The figures under each.
+        rows: Figures under each seed.
     """
 
     seeds: tuple[int, ...]
@@ -40,7 +40,7 @@ class Repeats:
         return [float(row.as_dict()[name]) for row in self.rows]
 
     def mean(self, name: str) -> float:
-        """Mean over the seeds that have the figure; NaN if none has."""
+        """Mean over the seeds with a defined figure; NaN if undefined for all."""
         return of_known(np.array(self.values(name)))
 
     def most(self, name: str) -> float:
@@ -48,7 +48,7 @@ class Repeats:
         return max(self.values(name))
 
     def sd(self, name: str) -> float:
-        """Standard deviation over the seeds that have the figure; NaN with fewer than two."""
+        """Standard deviation over the seeds with a defined figure; NaN for fewer than two."""
         values = np.array(self.values(name))
         return of_known(values, partial(np.std, ddof=1)) if np.isfinite(values).sum() > 1 else math.nan
 
@@ -78,7 +78,7 @@ def by_controller(seeds: tuple[int, ...], rounds: list[list[Row]]) -> list[Repea
 
 
 def measured_again(log: Log) -> Repeats:
-    """Figures of a log; the computing times are not in it, so these are NaN.
+    """Figures of a log; computing times are NaN, as a log contains none.
 
     Args:
         log: The log.
@@ -91,26 +91,25 @@ def measured_again(log: Log) -> Repeats:
     return Repeats((log.run.seed,), tuple(make_rows([(log.run.controller, log.run.predictor, measure(log), times)])))
 
 
-# Differences to the reactive gaze that count: beyond this share of its error, or this share of the time.
+# Relevant differences to the reactive gaze: more than this share of its error, or this share of the time.
 _ERROR_LEVEL = 0.02
 _CONTACT_LEVEL = 0.003
-# And beyond this many standard errors of the paired differences over the seeds of the noise.
+# They must also exceed this many standard errors of the paired differences over the seeds of the noise.
 _STANDARD_ERRORS = 2.0
 
 
 def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, list[str]]]:
     """The cells of the table, one controller a column.
 
-    Under several seeds it has means and standard deviations over them. Peaks are the highest of all, violations the
-    sum, and times the means.
+    With several seeds: means and standard deviations; maxima of peaks, sums of violations, means of times.
 
     Args:
         repeats: The figures.
-        neck: Its limits stand beside the peaks.
+        neck: The neck; its limits are printed beside the peaks.
 
     Returns:
-        For each line its name, which begins with spaces where it goes on with the one above, and a cell a controller;
-        the names of the controllers first.
+        Name of each line, with leading spaces if it continues the one above, and one cell per controller; the
+        controllers' names first.
     """
     seeds = repeats[0].seeds
 
@@ -145,7 +144,7 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         ("           99 % below [ms]", time("step_ms_p99")),
     ]
     if neck.eyes:
-        lines.insert(10, ("eyes aside of the head, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1)))
+        lines.insert(10, ("eye eccentricity, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1)))
     if neck.joints > len(AXES):
         lines.insert(10, ("           of the head [rad/s^2]", spread("head_rms_acceleration_rad_s2")))
     if len(seeds) > 1:
@@ -159,8 +158,8 @@ def table(repeats: Sequence[Repeats], neck: NeckSpec, against: str = "") -> str:
 
     Args:
         repeats: The figures.
-        neck: Its limits stand beside the peaks.
-        against: Reference in the place of an unknown truth; printed below the table.
+        neck: The neck; its limits are printed beside the peaks.
+        against: Reference in place of an unknown true head; printed below the table.
 
     Returns:
         Lines of text.

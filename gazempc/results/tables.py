@@ -1,4 +1,4 @@
-"""A log as tables: one column a number, one table a rate."""
+"""A log as tables: one column per scalar, one table per sampling rate."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ OBSERVATION_COLUMNS = (
     *(f"head_observed_{axis}_base_m" for axis in _AXES),
     "person_id",
 )
-# Of the covariance the upper triangle.
+# Upper triangle of the covariance.
 FORECAST_COLUMNS = (
     "capture_time_s",
     "horizon_s",

@@ -40,7 +40,7 @@ _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
 _CONNECT_WAIT_MS = 100.0
 # Period of retries after a timeout; calls in between fail at once.
 _RETRY_S = 0.1
-_LOST_TORQUE = "a motor has lost its torque; perhaps its power was gone"
+_LOST_TORQUE = "a motor has lost its torque; check its power supply"
 
 
 class DynamixelNeck:
@@ -70,9 +70,9 @@ class DynamixelNeck:
         for name, values in (("motor_ids", motor_ids), ("zero_ticks", zero_ticks), ("directions", directions)):
             if len(values) != neck.joints:
                 joints = ", ".join(neck.joint_names)
-                raise SettingsError(f"{name} {values}: neck {neck.name!r} needs {neck.joints} numbers, of {joints}")
+                raise SettingsError(f"{name} {values}: neck {neck.name!r} needs {neck.joints} numbers, for {joints}")
         if len(set(motor_ids)) < neck.joints:
-            raise SettingsError(f"motor_ids {motor_ids}: must be different numbers")
+            raise SettingsError(f"motor_ids {motor_ids}: expected different numbers")
         self._clock_s = clock_s
         self._ids = motor_ids
         self._zero = np.array(zero_ticks, dtype=np.float64)
@@ -90,7 +90,7 @@ class DynamixelNeck:
         self._steps: Iterator[None] | None = None
         self._retry_at_s = -np.inf
         self._trouble = ""
-        self._answered = False
+        self._has_reply = False
         self._approaching = True
         self._goal = np.zeros(neck.joints)
         self._line = threading.Lock()
@@ -152,11 +152,11 @@ class DynamixelNeck:
         return self._perform(lambda: self._send(np.clip(ticks, self._tick_min, self._tick_max)))
 
     def close(self) -> None:
-        """Release the port; the motors hold their last goal, or let go if `torque_off_on_close`; never raises."""
+        """Release the port; the motors hold their last goal, or lose torque if `torque_off_on_close`; never raises."""
         if self._bus.is_open and self._connected and self._torque_off_on_close:
             with suppress(Exception):
                 self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\0"))
-                self._read(_TORQUE)  # has been carried out when it is answered
+                self._read(_TORQUE)  # a reply confirms its execution
         self._drop_port()
         self._connected = self._ready = False
 
@@ -181,7 +181,7 @@ class DynamixelNeck:
             self._drop_port()
         # The first retry is immediate: single losses are the most frequent failure.
         self._retry_at_s = -np.inf if self._ready else self._clock_s() + _RETRY_S
-        self._ready = self._answered = False
+        self._ready = self._has_reply = False
         self._trouble = str(error)
 
     def _recover(self) -> bool:
@@ -221,7 +221,7 @@ class DynamixelNeck:
         holds = self._torque_is_on()
         yield
         present = [struct.unpack("<ii", answer)[1] for answer in self._read(_PRESENT)]
-        # With torque off the position counts on over full turns; with torque on in position mode it is within one.
+        # With torque off the position is multi-turn; with torque on in position mode it is within one turn.
         goals = [p % _TICKS_PER_TURN if m == _POSITION_MODE else p for p, m in zip(present, modes, strict=True)]
         yield
         unlimited = bytes(_PROFILE[1])
@@ -235,12 +235,12 @@ class DynamixelNeck:
             self._goal[i] = goal = struct.unpack("<i", answer[8:])[0]
             if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
                 hint = "is it inside its Position Limits (52, 48)?"
-                raise RobotError(f"{self._bus.motor(i)}: did not take profile 0 and its goal: {hint}")
+                raise RobotError(f"{self._bus.motor(i)}: did not accept profile 0 and its goal: {hint}")
         yield
         self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
         for i, on in enumerate(self._torque_is_on()):
             if not on:
-                raise RobotError(f"{self._bus.motor(i)}: did not switch its torque on: check its supply and its errors")
+                raise RobotError(f"{self._bus.motor(i)}: did not enable torque: check its supply and its errors")
         self._approaching = True
 
     def _torque_is_on(self) -> NDArray[np.bool_]:
@@ -254,7 +254,7 @@ class DynamixelNeck:
         return JointState(time_s, position_rad, self._direction * answers[:, 0] * _RAD_S_PER_UNIT)
 
     def _send(self, ticks: FloatArray) -> FloatArray:
-        if not self._answered and not self._torque_is_on().all():
+        if not self._has_reply and not self._torque_is_on().all():
             raise RobotError(f"{self._bus.line}: {_LOST_TORQUE}")
         goal = ticks
         if self._approaching:
@@ -265,12 +265,12 @@ class DynamixelNeck:
         self._bus.write(_GOAL, {m: struct.pack("<i", int(g)) for m, g in zip(self._ids, sent, strict=True)})
         # Not rounded: steps of a slow approach are smaller than a tick.
         self._goal = goal
-        self._answered = False
+        self._has_reply = False
         return self._direction * (sent - self._zero) / _TICKS_PER_RAD
 
     def _read(self, part: tuple[int, int]) -> list[bytes]:
         answers = self._bus.read(part)
-        self._answered = True
+        self._has_reply = True
         return answers
 
     def _drop_port(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from gazempc.errors import RobotError, importing
 
-# Of the control table: address, bytes.
+# Part of the control table: address, bytes.
 _HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
 _ALERT = 0x80
 _HARDWARE_ERRORS = {
@@ -16,17 +16,17 @@ _HARDWARE_ERRORS = {
     1: "motor hall sensor",
     2: "overheating",
     3: "motor encoder",
-    4: "electrical shock or too little power",
+    4: "electrical shock or insufficient power",
     5: "overload",
 }
 # MX motors with protocol 2.0 have the same control table; XL-320, P and PRO have others.
 _MX_MODELS = (30, 311, 321)
 _X_MODELS = range(1000, 2000)
 
-# Bytes of an instruction, sent before an answer can come.
+# Bytes of an instruction, sent before the reply.
 _INSTRUCTION_BYTES = 30
 _POLL_S = 0.5e-3
-# Reached only if the adapter takes no bytes at all.
+# Timeout of writing; reached only if the adapter accepts no bytes.
 _WRITE_S = 0.05
 
 
@@ -37,11 +37,11 @@ class DynamixelBus:
         port_name: Serial port.
         baud_rate_bps: As configured in the motors.
         motors: Name of each joint and id of its motor.
-        wait_ms: How long to wait for an answer.
+        wait_ms: Timeout of a reply.
 
     Attributes:
         port_name: Serial port.
-        wait_ms: How long to wait for an answer; may be changed at any time.
+        wait_ms: Timeout of a reply; may be changed at any time.
     """
 
     def __init__(self, port_name: str, baud_rate_bps: int, motors: dict[str, int], wait_ms: float) -> None:
@@ -68,7 +68,7 @@ class DynamixelBus:
         return self._port is not None
 
     def open(self) -> None:
-        """Open the port for this program alone; raises RobotError with what to check."""
+        """Open the port with exclusive access; raises RobotError with what to check."""
         port = self._port = self._sdk.PortHandler(self.port_name)
         hint = "check that it exists, that no other program has it, and that you may use it (group dialout)"
         try:
@@ -88,7 +88,7 @@ class DynamixelBus:
         def read_in_time(length: int) -> bytes:
             # The library checks the timeout only without input: continuous noise would block it.
             if port.isPacketTimeout():
-                raise RobotError(f"{self.line}: no whole answer in time; check power, cable and baud rate")
+                raise RobotError(f"{self.line}: no complete reply in time; check power, cable and baud rate")
             return bytes(port.ser.read(length))
 
         port.readPort = read_in_time
@@ -159,9 +159,7 @@ class DynamixelBus:
     def _require(self, i: int, result: int) -> None:
         if result != self._sdk.COMM_SUCCESS:
             hint = "check power, cable, id, baud rate, Status Return Level (68) and the adapter's latency timer"
-            raise RobotError(
-                f"{self.motor(i)}: no answer that can be read ({self._packets.getTxRxResult(result)}): {hint}"
-            )
+            raise RobotError(f"{self.motor(i)}: no valid reply ({self._packets.getTxRxResult(result)}): {hint}")
 
     def _refuse_error(self, i: int, error: int) -> None:
         if error & _ALERT:
@@ -170,4 +168,4 @@ class DynamixelBus:
             what = ", ".join(names) or f"status {status:#04x}"
             raise RobotError(f"{self.motor(i)}: hardware error: {what}; remove the cause, then switch it off and on")
         if error:
-            raise RobotError(f"{self.motor(i)}: refused what it was asked: {self._packets.getRxPacketError(error)}")
+            raise RobotError(f"{self.motor(i)}: refused the instruction: {self._packets.getRxPacketError(error)}")

@@ -54,7 +54,7 @@ class MujocoNeck:
         self._mujoco: Any = None
         self._model: Any = None
         self._data: Any = None
-        # MuJoCo's order is that of the parts: the body first.
+        # MuJoCo orders joints by parts: the body first.
         self._order: list[int] = []
 
     @property
@@ -79,7 +79,7 @@ class MujocoNeck:
 
         Raises:
             MissingOptionalDependencyError: If MuJoCo is not installed.
-            RobotError: If MuJoCo rejects the model, as versions before 3.5 do.
+            RobotError: If MuJoCo rejects the model, as do versions before 3.5.
         """
         if self._data is not None:
             return

@@ -49,9 +49,9 @@ def neck_mjcf(neck: NeckSpec) -> str:
     as in `NeckSpec.joint_names`, the actuators in that order; they take positions in radians. The camera is named
     ``eye``. Both eyes are drawn as one.
 
-    The actuators are what a geared position servo is, a spring and a damper on the joint's inertia J with the head
-    straight ahead. Stiffness kp = J wn^2, damping kv = 2 zeta wn J. Weight is compensated (a balanced head). A dead
-    time shorter than one step acts as one step, which is the least that MuJoCo can delay.
+    An actuator models a geared position servo: spring and damper on the joint's inertia J with the head straight ahead.
+    Stiffness kp = J wn^2, damping kv = 2 zeta wn J. Weight is compensated (a balanced head). A dead time shorter than
+    one step acts as one step, the minimum delay of MuJoCo.
 
     Args:
         neck: The neck.
@@ -77,10 +77,10 @@ def neck_mjcf(neck: NeckSpec) -> str:
     head_kg = _HEAD_KG - (0.0 if neck.eyes is None else _EYE_KG)
     return f"""<mujoco model={quoteattr(f"gazempc neck {neck.name}")}>
   <compiler angle="radian" autolimits="true"/>
-  <!-- RK4: a step of first order moves the joint half a step early and takes zeta wn h of the damping -->
+  <!-- RK4: a first-order step leads by half a step and reduces the damping by zeta wn h -->
   <option timestep="{step_s!r}" integrator="RK4"/>
   <default>
-    <!-- Nothing touches anything: the neck only moves, and its parts are drawn inside each other. -->
+    <!-- No contacts: parts of the neck overlap. -->
     <geom contype="0" conaffinity="0"/>
     <!-- Hard stops at the ends of the range. -->
     <joint type="hinge" solreflimit="0.003 1" solimplimit="0.99 0.9999 0.0001"/>

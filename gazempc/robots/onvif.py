@@ -20,8 +20,8 @@ _MOVE_ENDS = "PT1S"
 class OnvifDevice:
     """A camera by ONVIF, see `gazempc.robots.speed_camera.SpeedDevice`.
 
-    The library onveef does SOAP, digest and the camera's clock. The move status is never waited for: some cameras
-    report MOVING for ever, others UNKNOWN.
+    The library onveef implements SOAP, digest authentication and the camera's clock. The move status is ignored: some
+    cameras report MOVING permanently, others UNKNOWN.
 
     Args:
         address: HOST or HOST:PORT.
@@ -50,39 +50,39 @@ class OnvifDevice:
         self._ends_rad = None if range_deg is None else np.deg2rad(range_deg).reshape(2, 2).tolist()
 
     def open(self) -> None:
-        """See `SpeedDevice.open`: logs in, and finds the profile that turns.
+        """See `SpeedDevice.open`: logs in, and selects a profile with PTZ.
 
         Raises:
-            RobotError: If it does not answer, refuses user or password, does not turn, or lacks AbsoluteMove for a
-                neck that takes angles.
+            RobotError: If it does not reply, refuses user or password, does not turn, or lacks AbsoluteMove for a
+                position-controlled neck.
         """
         self._client = self._onveef.OnvifClient(self._host, self._port, *self._login, timeout_s=self._options.timeout_s)
-        self._ask(self._client.get_device_information)
-        profiles = [each for each in self._ask(self._client.get_profiles) if each.get("ptz")]
+        self._request(self._client.get_device_information)
+        profiles = [each for each in self._request(self._client.get_profiles) if each.get("ptz")]
         tokens = [each["token"] for each in profiles]
         wanted = self._options.profile
         if not tokens or (wanted is not None and wanted not in tokens):
             accepted = ", ".join(tokens) or "none"
-            raise RobotError(f"{self.name}: no profile {wanted or 'that turns'}; accepted: {accepted}")
+            raise RobotError(f"{self.name}: no profile {wanted or 'with PTZ'}; accepted: {accepted}")
         self._token = wanted or tokens[0]
         node = profiles[tokens.index(self._token)]["ptz"].get("node_token")
-        nodes = self._ask(self._client.ptz_get_nodes)
+        nodes = self._request(self._client.ptz_get_nodes)
         self._ranges = next((each["ranges"] for each in nodes if each.get("token") == node), {})
         needed = "continuous" if self._neck.takes_speeds else "absolute"
         if not self._offers(needed):
-            raise RobotError(f"{self.name}: it does not offer {needed} moves; it offers: {', '.join(self._offered())}")
+            raise RobotError(f"{self.name}: it lacks {needed} moves; it offers: {', '.join(self._offered())}")
 
     def drive(self, speeds_rad_s: Pair) -> None:
         """See `SpeedDevice.drive`."""
         if speeds_rad_s == (0.0, 0.0):
-            self._ask(self._client.ptz_stop, profile_token=self._token, pan_tilt=True, zoom=False)
+            self._request(self._client.ptz_stop, profile_token=self._token, pan_tilt=True, zoom=False)
             return
         pan, tilt = (
             direction * self._share(axis, speed)
             for axis, speed, direction in zip(self._neck.axes, speeds_rad_s, self._options.directions, strict=True)
         )
         # ONVIF counts pan to the right.
-        self._ask(
+        self._request(
             self._client.ptz_continuous_move,
             profile_token=self._token, pan=-pan, tilt=tilt, zoom=None, timeout=_MOVE_ENDS,
         )  # fmt: skip
@@ -93,13 +93,13 @@ class OnvifDevice:
             2.0 * (angle - low) / (high - low) - 1.0
             for angle, (low, high) in zip(angles_rad, self._ends_rad or (), strict=True)
         )
-        self._ask(self._client.ptz_absolute_move, profile_token=self._token, pan=pan, tilt=tilt, zoom=None)
+        self._request(self._client.ptz_absolute_move, profile_token=self._token, pan=pan, tilt=tilt, zoom=None)
 
     def angles_rad(self) -> Pair | None:
         """See `SpeedDevice.angles_rad`; None without the option `range_deg`."""
         if self._ends_rad is None:
             return None
-        status = self._ask(self._client.ptz_get_status, profile_token=self._token)
+        status = self._request(self._client.ptz_get_status, profile_token=self._token)
         if status.get("pan") is None or status.get("tilt") is None:
             return None
         pan, tilt = (
@@ -109,12 +109,12 @@ class OnvifDevice:
         return pan, tilt
 
     def recover(self) -> None:
-        """See `SpeedDevice.recover`; each call stands alone."""
+        """See `SpeedDevice.recover`; calls are independent."""
 
     def about(self) -> list[tuple[str, str]]:
         """See `SpeedDevice.about`."""
-        found = self._ask(self._client.get_device_information)
-        status = self._ask(self._client.ptz_get_status, profile_token=self._token)
+        found = self._request(self._client.get_device_information)
+        status = self._request(self._client.ptz_get_status, profile_token=self._token)
         reported = [str(found.get(name, "?")) for name in ("Manufacturer", "Model", "FirmwareVersion")]
         return [
             ("address", f"{self._host}:{self._port} (ONVIF)"),
@@ -145,7 +145,7 @@ class OnvifDevice:
     def _offered(self) -> list[str]:
         return [kind for kind in ("continuous", "absolute", "relative") if self._offers(kind)] or ["none"]
 
-    def _ask(self, call: Callable[..., Any], **what: Any) -> Any:
+    def _request(self, call: Callable[..., Any], **what: Any) -> Any:
         # Messages of the library may quote a request; only the error type is passed on.
         try:
             return call(**what)
@@ -155,18 +155,17 @@ class OnvifDevice:
         except self._onveef.OnvifError as error:
             raise RobotError(f"{self.name}: {getattr(error, 'code', 'onvif_error')} ({type(error).__name__})") from None
         except Exception as error:
-            raise RobotError(f"{self.name}: no usable answer ({type(error).__name__})") from None
+            raise RobotError(f"{self.name}: no valid reply ({type(error).__name__})") from None
 
 
 class OnvifCamera(SpeedCamera):
     """Robot ``onvif:HOST[:PORT]``.
 
-    Speeds between those of the table of the neck file are sent as shares between theirs; without a table the share is
-    that of the top speed.
+    Shares of speed are interpolated in the table of the neck file; without a table they are relative to the top speed.
 
     Args:
         address: HOST or HOST:PORT.
-        neck: The neck; one whose joints take angles needs the option ``range_deg``, and is sent AbsoluteMove.
+        neck: The neck; with position-controlled joints it needs the option ``range_deg``, and AbsoluteMove is used.
         clock_s: The loop's time, seconds.
         options: Login, profile and directions.
     """
@@ -185,5 +184,5 @@ def _login(options: OnvifOptions) -> tuple[str, str]:
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsError(f"options.onvif.login: {options.login} cannot be read ({type(error).__name__})") from None
     if len(lines) < 2:
-        raise SettingsError(f"options.onvif.login: {options.login}: needed are two lines, user and password")
+        raise SettingsError(f"options.onvif.login: {options.login}: expected two lines, user and password")
     return lines[0].strip(), lines[1].strip()

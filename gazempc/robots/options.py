@@ -17,7 +17,7 @@ RobotChoice = Annotated[str, AfterValidator(partial(check_choice, ROBOT)), on_co
 
 
 _MotorId = Annotated[int, Field(ge=0, le=252)]
-# Within these, no position has bytes like the header of a packet, which the library does not mask (-131,073).
+# Bounds within which no position contains the bytes of a packet header, which the library does not mask (-131,073).
 _Ticks = Annotated[int, Field(ge=-65_536, le=65_536)]
 
 
@@ -26,12 +26,12 @@ class DynamixelOptions(Settings):
 
     port: str = Field(default="/dev/ttyUSB0", description="Serial port")
     baud_rate_bps: int = Field(default=1_000_000, gt=0, description="As set in the motors")
-    motor_ids: tuple[_MotorId, ...] = Field(default=(1, 2), description="Of pan and tilt, then of eyes and body if any")
+    motor_ids: tuple[_MotorId, ...] = Field(default=(1, 2), description="Pan, tilt, then eyes and body if any")
     zero_ticks: tuple[_Ticks, ...] = Field(default=(2048, 2048), description="Position of angle 0, 4096 ticks a turn")
     directions: tuple[Literal[-1, 1], ...] = Field(
         default=(1, 1), description="1 if more ticks turn left or up, else -1"
     )
-    reply_timeout_ms: float = Field(default=4.0, gt=0, le=5000, description="Time that one call waits for an answer")
+    reply_timeout_ms: float = Field(default=4.0, gt=0, le=5000, description="Timeout of a reply")
     approach_speed_rad_s: float = Field(default=0.5, gt=0, description="Speed of the motion to the first command")
     torque_off_on_close: bool = Field(default=False, description="Switch the torque off at the end")
 
@@ -39,12 +39,12 @@ class DynamixelOptions(Settings):
 class Ros2Options(Settings):
     """Robot and source `ros2`; see `gazempc.robots.ros2.Ros2Neck`."""
 
-    use_sim_time: bool = Field(default=False, description="Stamps are of the topic /clock, of a simulator or a bag")
+    use_sim_time: bool = Field(default=False, description="Use the topic /clock of a simulator or a bag for stamps")
     joint_names: tuple[str, ...] = Field(
         default=("head_pan_joint", "head_tilt_joint"), description="Pan and tilt, then eyes and body if any"
     )
     joint_signs: tuple[float, ...] = Field(
-        default=(1.0, 1.0), description="1, or -1 for a joint that is positive to the right, or down"
+        default=(1.0, 1.0), description="Sign of each joint: -1 if positive to the right, or down"
     )
     command_topic: str = Field(default="/head_controller/joint_trajectory", description="Topic of the commands")
     command_type: Literal["trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Float64MultiArray"] = Field(
@@ -58,9 +58,7 @@ class Ros2Options(Settings):
     time_from_start_s: float | None = Field(
         default=None, gt=0, description="Time to reach a trajectory's point; default: half a servo period"
     )
-    silent_after_s: float = Field(
-        default=0.5, gt=0, description="After this time without a joint state, the robot counts as not answering"
-    )
+    silent_after_s: float = Field(default=0.5, gt=0, description="Timeout of joint states")
     base_frame: str | None = Field(
         default=None, description="tf frame for people and points; default: the sensor's frame"
     )
@@ -94,9 +92,9 @@ _Directions = tuple[Literal[-1, 1], Literal[-1, 1]]
 class ViscaOptions(Settings):
     """Robot `visca`; see `gazempc.robots.visca.ViscaCamera`."""
 
-    counts_per_deg: float = Field(default=14.4, gt=0, le=1000, description="Scale of the camera's position answers")
+    counts_per_deg: float = Field(default=14.4, gt=0, le=1000, description="Scale of the camera's position replies")
     directions: _Directions = Field(
-        default=(1, 1), description="Of pan and tilt: -1 for an axis that turns the other way, as under a ceiling"
+        default=(1, 1), description="Signs of pan and tilt: -1 for a reversed axis, as under a ceiling"
     )
 
 
@@ -109,9 +107,9 @@ class OnvifOptions(Settings):
         "GAZEMPC_ONVIF_PASSWORD",
     )
     profile: str | None = Field(default=None, description="Token of the media profile; default: the first with PTZ")
-    timeout_s: float = Field(default=1.0, gt=0, le=30, description="Time that one call waits for an answer")
+    timeout_s: float = Field(default=1.0, gt=0, le=30, description="Timeout of a reply")
     directions: _Directions = Field(
-        default=(1, 1), description="Of the speeds of pan and tilt: -1 for an axis that turns the other way"
+        default=(1, 1), description="Signs of the speeds of pan and tilt: -1 for a reversed axis"
     )
     range_deg: tuple[float, float, float, float] | None = Field(
         default=None,
@@ -137,10 +135,10 @@ class RobotOptions(Settings):
         return dict(self.model_extra or {})
 
     def with_own(self, own: dict[str, Any]) -> RobotOptions:
-        """The same with options of user-defined parts.
+        """A copy with options of user-defined parts.
 
         Args:
-            own: Values by key, as `gazempc.part_options.take_options` gives them.
+            own: Values by key, from `gazempc.part_options.take_options`.
 
         Returns:
             The options.

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import GazempcError, RobotError, importing
 from gazempc.neck.spec import NeckSpec, load_neck
 
-# Host, and source, that start it.
+# Host name and source address of the emulator.
 EMULATOR = "emulator"
 # Field of view, and time from the exposure of a picture to its first byte.
 FOV_DEG = 60.0
@@ -59,7 +59,7 @@ class PtzEmulator:
             Host and port of VISCA.
 
         Raises:
-            RobotError: If the start fails, such as without MuJoCo; with the reason.
+            RobotError: If the start fails, for example without MuJoCo; states the reason.
         """
         if self._process is None:
             context = multiprocessing.get_context("spawn")
@@ -79,7 +79,7 @@ class PtzEmulator:
         return self.address
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -92,10 +92,10 @@ class PtzEmulator:
 
 
 def picture_url() -> str:
-    """Where the emulated camera's picture is.
+    """Address of the emulated camera's picture.
 
     Raises:
-        RobotError: If none runs.
+        RobotError: If no emulated camera runs.
     """
     if PtzEmulator.running is None:
         raise RobotError("source camera:emulator: no emulated camera runs; accepted with --robot visca:emulator")
@@ -158,7 +158,7 @@ def _emulate(neck: NeckSpec, pipe: Connection) -> None:
     visca, web = ViscaServer(plant, neck, lock), _server(pictures)
     pipe.send((visca.address, f"http://127.0.0.1:{web.server_port}/camera.mjpg"))
     start_s = exposed_s = time.monotonic()
-    # The run holds the other end.
+    # Until the run closes its end of the pipe.
     while not pipe.poll(max(exposed_s - time.monotonic(), 0.0)):
         with lock:
             plant.true_state()

@@ -28,7 +28,7 @@ _BODY_TURNED_RAD = math.radians(10.0)
 # The daemon sends a pose every 20 ms. Maximum age of a pose; a longer silence is a lost connection.
 _STALE_S = 0.2
 _SILENCE_S = 1.0
-_STUCK_S = 1.0  # for a send that waits
+_STUCK_S = 1.0  # timeout of a blocked send
 _RETRY_S = 0.25
 _OPEN_S = 1.0
 _CONNECT_S = 5.0
@@ -60,10 +60,10 @@ class ReachyMiniNeck:
 
     def __init__(self, neck: NeckSpec, clock_s: Callable[[], float], options: ReachyMiniOptions) -> None:
         if np.any(neck.position_min_rad > 0.0) or np.any(neck.position_max_rad < 0.0):
-            # Only then what is clamped to the head's reach, towards the middle, stays in the neck's range.
+            # Clamping to the head's reach is towards 0, so it stays within such a range.
             raise SettingsError(f"neck {neck.name!r}: the range for Reachy Mini must contain 0 of all joints")
         if neck.eyes is not None:
-            raise SettingsError(f"neck {neck.name!r} has eyes, and those of Reachy Mini do not turn")
+            raise SettingsError(f"neck {neck.name!r} has eyes, but those of Reachy Mini do not turn")
         self._neck = neck
         self._clock_s = clock_s
         self._host, self._port = host, port = options.host, options.port
@@ -200,11 +200,11 @@ class ReachyMiniNeck:
         if self._socket is None:
             return self._lost or f"Reachy Mini: no connection to the daemon at {self._uri}"
         if missing := self._missing():
-            trouble = f"the daemon answers, but no {missing} message has come: see its log"
+            trouble = f"the daemon replies, but sent no {missing} message: see its log"
         elif self._no_motion:
             trouble = self._no_motion
         elif self._sending_since_s is not None and time.monotonic() - self._sending_since_s > _STUCK_S:
-            trouble = "the daemon takes no commands any more"
+            trouble = "the daemon no longer accepts commands"
         elif self._goal_rad is None and self._displaced_m > _DISPLACED_M:
             trouble = "the head is not up; wake the robot first"
         elif self._neck.body is None and self._goal_rad is None and abs(self._body_yaw_rad) > _BODY_TURNED_RAD:
@@ -227,7 +227,7 @@ class ReachyMiniNeck:
                         self._receive(connection, stop)
                     finally:
                         self._forget(connection)
-            except Exception as error:  # whatever the library or the system raises, it is tried again
+            except Exception as error:  # retried after any exception of library or system
                 with self._changed:
                     if stop.is_set():
                         return
@@ -258,8 +258,8 @@ class ReachyMiniNeck:
             self._approaching, self._fresh = True, False
             self._joints_known = self._status_known = False
             self._poses.clear()
-        # The library's own close would wait: for a send that waits for the network (it holds a lock), and in some
-        # versions for messages that are not received any more. What was sent is still delivered.
+        # The library's own close would block: on a send that waits for the network and holds a lock, and in some
+        # versions on messages that are no longer received. Sent data are still delivered.
         with suppress(Exception):
             connection.socket.shutdown(socket.SHUT_RDWR)
             while True:

@@ -11,8 +11,8 @@ from gazempc.neck.spec import AXES
 from gazempc.types import FloatArray
 
 # Reach of the head without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors 0.5 deg or
-# more inside their limits. Beyond it a motor stops at its limit and the head tips over to the side, or the
-# pose is ignored. Also within the SDK's own limits (pitch 40 deg, yaw 65 deg from the body).
+# more inside their limits. Beyond it a motor saturates and the head tilts sideways, or the pose is ignored. Also within
+# the SDK's own limits (pitch 40 deg, yaw 65 deg from the body).
 _TILT_RAD = np.deg2rad([-40.0, -36.0, -32.0, -28.0, -24.0, 31.0, 36.0, 40.0])
 _PAN_MAX_RAD = np.deg2rad([38.0, 47.0, 54.0, 61.0, 65.0, 65.0, 59.0, 53.5])
 _TURN_NOISE = 0.02

@@ -33,7 +33,7 @@ class Robot(Protocol):
         """
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
-        """Send joint positions to go to.
+        """Send target positions of the joints.
 
         Args:
             position_rad: Angles in the order of `NeckSpec.joint_names`, shape (N,), radians.
@@ -57,7 +57,7 @@ def check_command(command: FloatArray, joints: int) -> None:
         RobotError: If it is invalid.
     """
     if np.shape(command) != (joints,) or not np.all(np.isfinite(command)):
-        raise RobotError(f"refused a command that is not {joints} finite numbers: {command}")
+        raise RobotError(f"refused a command: expected {joints} finite numbers, not {command}")
 
 
 # Tolerance of the joints' range; beyond it neck file and robot are inconsistent.
@@ -84,16 +84,16 @@ def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -
     if state is None:
         return None
     if not isinstance(state, JointState):
-        raise RobotError(f"{method}() returned {type(state).__name__}, needed is a gazempc.JointState, or None")
+        raise RobotError(f"{method}() returned {type(state).__name__}, expected a gazempc.JointState, or None")
     if not isinstance(state.time_s, float | int | np.floating | np.integer) or abs(state.time_s) > _ANY_NUMBER:
-        raise RobotError(f"{method}() returned time_s {state.time_s!r}, needed are seconds of the loop's clock")
+        raise RobotError(f"{method}() returned time_s {state.time_s!r}, expected seconds of the loop's clock")
     for name in ("position_rad", "velocity_rad_s"):
         value: object = getattr(state, name)
         if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
             needed = f"an array of shape ({neck.joints},): {', '.join(neck.joint_names)}"
-            raise RobotError(f"{method}() returned {name} {value!r}, needed is {needed}")
+            raise RobotError(f"{method}() returned {name} {value!r}, expected {needed}")
         if np.abs(value).max() > _ANY_NUMBER:
-            raise RobotError(f"{method}() returned {name} {value}, needed are numbers of a joint")
+            raise RobotError(f"{method}() returned {name} {value}, expected numbers of a joint")
     angles_rad, speeds_rad_s = (np.array(each, np.float64) for each in (state.position_rad, state.velocity_rad_s))
     return JointState(float(state.time_s), angles_rad, speeds_rad_s)
 

@@ -137,12 +137,12 @@ class Ros2Neck:
         self._connected()
         if self._states is None:
             return None
-        self._take_in()
+        self._process()
         latest, self._latest = self._latest, None
         if latest is None and self._clock_s() - self._heard_s > self._silent_after_s:
             # The robot's clock may be set back after a restart.
             self._newest_s = -math.inf
-            why = f"; the last one was not used: {self.ignored_because}" if self.ignored_because else ""
+            why = f"; the last one was refused: {self.ignored_because}" if self.ignored_because else ""
             raise RobotError(f"no joint state on {self._state_topic} for more than {self._silent_after_s:g} s{why}")
         return latest
 
@@ -154,13 +154,13 @@ class Ros2Neck:
         if not commands.has_listeners:
             self._sent.clear()
             self._lost_s, self._returning = min(self._lost_s, now_s), None
-            raise RobotError(f"no node listens to the commands on {self._command_topic}: has the controller stopped?")
+            raise RobotError(f"no subscriber of the commands on {self._command_topic}: has the controller stopped?")
         sent_rad: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
         if now_s - self._lost_s > self._silent_after_s and self._states is not None and not self._sends_speeds:
             on_way_rad = self._return(sent_rad, now_s)
             if np.max(np.abs(on_way_rad - sent_rad)) > _RETURNED_RAD:
                 self._publish(commands, on_way_rad)
-                raise RobotError(f"{self._command_topic} has a listener again: the joints return to the command")
+                raise RobotError(f"{self._command_topic} has a subscriber again: the joints return to the command")
         self._lost_s, self._returning = math.inf, None
         self._publish(commands, sent_rad)
         return sent_rad
@@ -177,7 +177,7 @@ class Ros2Neck:
         neck = self._neck
         if self._returning is None:
             if self._measured_rad is None or now_s - self._heard_s > self._silent_after_s:
-                raise RobotError(f"{self._command_topic} has a listener again, {self._state_topic} no joint state yet")
+                raise RobotError(f"{self._command_topic} has a subscriber again, {self._state_topic} no joint state")
             motion, limits = ruckig.InputParameter(neck.joints), neck.command_limits
             motion.current_position = limits.clip_position(self._measured_rad).tolist()
             motion.max_velocity = np.minimum(limits.velocity_max_rad_s, _RETURN_RAD_S).tolist()
@@ -191,7 +191,7 @@ class Ros2Neck:
         return np.array(following.new_position)
 
     def close(self) -> None:
-        """Leave the graph; the controller brakes the neck, if it moves."""
+        """Destroy the node; the controller brakes a moving neck."""
         if self._sends_speeds and self._commands is not None:
             # A speed controller holds the last speed.
             with contextlib.suppress(Ros2Error):
@@ -203,14 +203,14 @@ class Ros2Neck:
     def _wait_for_robot(self, node: Ros2Node, commands: Publication) -> None:
         until_s = time.monotonic() + self._connect_timeout_s
         while time.monotonic() < until_s:
-            self._take_in()
+            self._process()
             if commands.has_listeners and (self._states is None or self._latest is not None):
                 return
             time.sleep(_WAKE_S)
         if not commands.has_listeners:
             raise Ros2Error(node.why_no_match(self._command_topic, self._command_type, listeners=True))
         if self.ignored_because:
-            raise Ros2Error(f"no joint state on {self._state_topic} can be used: {self.ignored_because}")
+            raise Ros2Error(f"no valid joint state on {self._state_topic}: {self.ignored_because}")
         raise Ros2Error(node.why_no_match(self._state_topic, _STATE_TYPE, listeners=False))
 
     def _connected(self) -> Publication:
@@ -218,7 +218,7 @@ class Ros2Neck:
             raise RobotError("the ROS 2 neck is not connected: call connect() first")
         return self._commands
 
-    def _take_in(self) -> None:
+    def _process(self) -> None:
         now_s = self._clock_s()
         try:
             messages = [] if self._states is None else self._states.take()
@@ -246,7 +246,7 @@ class Ros2Neck:
         ros_s = stamp_s(message.header.stamp)
         time_s = on_loop_clock(ros_s if self._node is None else self._node.unix_s(ros_s), self._to_loop_s, now_s)
         if time_s <= self._newest_s:
-            raise Ros2Error("it is not newer than the one before")
+            raise Ros2Error("it is not newer than the previous one")
         position_rad = self._signs * np.asarray(message.position)[at]
         if not np.all(np.isfinite(position_rad)):
             raise Ros2Error(f"its positions are not finite: {position_rad}")

@@ -42,7 +42,7 @@ class SpeedDevice(Protocol):
         """Hold speeds of pan and tilt, rad/s, positive to the left and up; returns after acceptance by the device.
 
         Args:
-            speeds_rad_s: Speeds among those of the device; two zeros stop it.
+            speeds_rad_s: Available speeds of the device; two zeros stop it.
         """
 
     def angles_rad(self) -> Pair | None:
@@ -111,7 +111,7 @@ class SpeedCamera:
             try:
                 self._poll()
             except RobotError as error:
-                hint = "for a camera without position answers set reports_joints = false in the neck file"
+                hint = "for a camera without position replies set reports_joints = false in the neck file"
                 raise RobotError(f"{error}; {hint}") from None
         except BaseException:
             self._device.close()

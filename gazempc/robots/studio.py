@@ -17,13 +17,13 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.types import FloatArray
 
-# In the portrait, pixels: the middle between the pupils, the distance between them, and what is cut out around it.
+# In the portrait, pixels: the middle between the pupils, their distance, and the cut-out.
 _EYES_PX = (224.8, 101.8)
 _PUPILS_PX = 43.1
 _HEAD_HALF_PX = (62.0, 82.0)
 _HEAD_CENTRE_PX = (226.5, 96.5)
 _HAIR_PX = np.s_[12:52, 172:212]  # covers the back of the head
-# Mean distance between the pupils of adults (Dodgson 2004). It makes millimetres of pixels.
+# Mean distance between the pupils of adults (Dodgson 2004). It converts pixels to metres.
 PUPILS_M = 0.063
 _M_PER_PX = PUPILS_M / _PUPILS_PX
 _GRID = 48
@@ -81,7 +81,7 @@ class Studio:
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
         except Exception as error:
             needed = "mujoco, scikit-image and Mesa's libEGL (Debian: libegl1 libgl1-mesa-dri), with MUJOCO_GL=egl"
-            raise RuntimeError(f"nothing can be rendered here ({error!r}): needed are {needed}") from error
+            raise RuntimeError(f"rendering failed ({error!r}): it needs {needed}") from error
         self._mujoco = mujoco
         self.width, self.height, self.fov_deg = width, height, fov_deg
 
@@ -113,7 +113,7 @@ class Studio:
 def _mjcf(width: int, height: int, fovy_deg: float, seed: int) -> str:
     vertices, texture, faces = _relief()
     rng = np.random.default_rng(seed)
-    clutter = "\n".join(_thing(rng, k) for k in range(24))
+    clutter = "\n".join(_obstacle(rng, k) for k in range(24))
     return f"""<mujoco>
   <visual>
     <global offwidth="{width}" offheight="{height}"/>
@@ -170,7 +170,7 @@ def _relief() -> tuple[FloatArray, FloatArray, Any]:
     return vertices, texture, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def _thing(rng: np.random.Generator, number: int) -> str:
+def _obstacle(rng: np.random.Generator, number: int) -> str:
     """A box, or a ball with the colour of skin, near a wall."""
     along_m, up_m = rng.uniform(-4.5, 4.5), rng.uniform(-1.2, 1.2)
     place = ((5.3, along_m), (along_m, 5.3), (along_m, -5.3))[number % 3]

@@ -26,8 +26,8 @@ _WAIT_MIN_S, _WAIT_MAX_S = 0.06, 0.5
 _ATTEMPTS = 3
 _ERRORS = {
     0x01: "wrong message length",
-    0x02: "syntax error: the camera does not have this command",
-    0x03: "its command buffer is full",
+    0x02: "syntax error: the camera lacks this command",
+    0x03: "command buffer full",
     0x04: "command cancelled",
     0x05: "no socket",
     0x41: "not executable now: is it in standby, or is its menu open?",
@@ -135,7 +135,7 @@ class ViscaLink:
         self._sequence = (self._sequence + 1) % 2**32 if kind != wire.CONTROL else 0
         packet = wire.pack(kind, self._sequence, payload)
         reply = wire.CONTROL_REPLY if kind == wire.CONTROL else wire.REPLY
-        why = "no answer"
+        why = "no reply"
         for attempt in range(attempts):
             self.retries += attempt > 0
             started_s = time.monotonic()
@@ -159,7 +159,7 @@ class ViscaLink:
                 # The packet was executed before; only its reply was lost.
                 return answer
             if len(answer) > 2 and answer[1] & 0xF0 == 0x60:
-                why = f"answered {_ERRORS.get(answer[2], f'error {answer[2]:#04x}')}"
+                why = f"replied {_ERRORS.get(answer[2], f'error {answer[2]:#04x}')}"
                 if answer[2] == 0x03:
                     time.sleep(max(until_s - time.monotonic(), 0.0))
                     continue
@@ -248,7 +248,7 @@ class ViscaDevice:
             try:
                 found.append((name, shown(self._link.inquire(payload))))
             except RobotError as error:
-                found.append((name, f"not answered ({str(error).partition(': ')[2] or error})"))
+                found.append((name, f"no reply ({str(error).partition(': ')[2] or error})"))
         speeds = " and ".join(str(len(steps.positive_rad_s)) for steps in self.steps)
         return [*found, ("speeds", f"{speeds} for pan and tilt; their deg/s are measured by gazempc identify")]
 
@@ -275,7 +275,7 @@ class ViscaDevice:
 
 
 class ViscaCamera(SpeedCamera):
-    """Robot ``visca:HOST[:PORT]``. Position commands of VISCA are not used: their units depend on the manufacturer.
+    """Robot ``visca:HOST[:PORT]``. Without position commands of VISCA, whose units depend on the manufacturer.
 
     Args:
         address: HOST, HOST:PORT or ``emulator``.

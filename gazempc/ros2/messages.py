@@ -1,4 +1,4 @@
-"""Facts about ROS 2 messages that need no ROS: names, types and stamps."""
+"""Names, types and stamps of ROS 2 messages, without imports of ROS."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from gazempc.errors import SettingsError
 
-# What heads come as.
+# Message types of heads.
 PoseType = Literal[
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -16,30 +16,30 @@ PoseType = Literal[
     "geometry_msgs/msg/PoseArray",
     "vision_msgs/msg/Detection3DArray",
 ]
-# What a direction of sound comes as: whole degrees, as of respeaker_ros, or radians.
+# Message types of sound directions: whole degrees, as of respeaker_ros, or radians.
 SoundType = Literal["std_msgs/msg/Int32", "std_msgs/msg/Float32"]
-# Stamps of a simulation's time, or of a clock that was never set, are off by far more; a sensor is never so late.
+# Plausibility bound of stamps: above any sensor's latency, far below the offset of simulated or unset clocks.
 _STAMP_OFF_MAX_S = 5.0
 _TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 class Ros2Error(ValueError):
-    """A message cannot be used, or ROS 2 cannot be reached; gives the reason."""
+    """An invalid message, or ROS 2 is unreachable; the message states the reason."""
 
 
 class FrameError(Ros2Error):
-    """The tree of tf does not know a frame at a time; it may later."""
+    """The tree of tf lacks a frame at a time, possibly only for now."""
 
 
 def topic_name(name: str) -> str:
-    """The full name of a topic, with the slash in front that may be left out.
+    """The full name of a topic, with the optional leading slash.
 
     Raises:
-        SettingsError: If ROS 2 allows no such name.
+        SettingsError: If the name is invalid in ROS 2.
     """
     full = "/" + name.removeprefix("/")
     if not _TOPIC.fullmatch(full):
-        raise SettingsError(f"topic {name!r}: expected letters, digits and _ between slashes, as '/head/command'")
+        raise SettingsError(f"topic {name!r}: expected letters, digits and _ between slashes, such as '/head/command'")
     return full
 
 
@@ -50,7 +50,7 @@ def stamp_s(stamp: Any) -> float:
         stamp: A ``builtin_interfaces/msg/Time``.
 
     Raises:
-        Ros2Error: If it is not stamped.
+        Ros2Error: If it has no stamp.
     """
     if stamp.sec == 0 and stamp.nanosec == 0:
         raise Ros2Error("its header has no time stamp")

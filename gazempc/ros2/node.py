@@ -1,4 +1,4 @@
-"""A node of rclpy that is asked for its messages, so that no thread of it competes with the servo thread."""
+"""A polled node of rclpy, so that none of its threads competes with the servo thread."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import Any
 from gazempc.errors import GazempcError
 from gazempc.ros2.messages import Ros2Error, stamp_s, topic_name
 
-# The newest count; a message that has waited for so many others to be read is out of date.
+# Length of queues: older messages are outdated.
 WAITING_MAX = 256
 _CLOCK = "rosgraph_msgs/msg/Clock"
 
 
 class RosNotSourcedError(GazempcError):
-    """This Python cannot import a package of ROS 2: gives the command that makes it available."""
+    """This Python cannot import a package of ROS 2; the message gives the command that makes it available."""
 
     def __init__(self, package: str) -> None:
         super().__init__(
@@ -65,12 +65,12 @@ class Publication:
 
     @property
     def has_listeners(self) -> bool:
-        """Whether a subscription of this type and with a quality of service that fits is there."""
+        """Whether there is a subscription of this type with a compatible quality of service."""
         with ros_errors():
             return bool(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
-        """Send a message; does not wait until it has arrived.
+        """Send a message; does not wait for its delivery.
 
         Raises:
             Ros2Error: If it cannot be sent.
@@ -84,14 +84,14 @@ class Subscription:
 
     Attributes:
         made: The subscription of rclpy.
-        type_name: Of its messages.
+        type_name: Type of its messages.
     """
 
     def __init__(self, node: Any, subscription: Any, topic: str, type_name: str) -> None:
         self._node, self.made, self._topic, self.type_name = node, subscription, topic, type_name
 
     def take(self) -> list[Any]:
-        """Messages that have come since the last call, oldest first.
+        """Messages since the last call, oldest first.
 
         Raises:
             Ros2Error: If the node is closed.
@@ -105,12 +105,12 @@ class Subscription:
 
     @property
     def senders(self) -> tuple[str, ...]:
-        """Full names of the nodes that send messages of this type with a quality of service that fits."""
+        """Full names of the nodes that send messages of this type with a compatible quality of service."""
         return tuple(f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in self._ends() if not self._why(end))
 
     @property
     def described(self) -> str:
-        """The type, and why other senders on this topic do not fit."""
+        """The type, and reasons of incompatible senders on this topic."""
         unfit = sorted({why for end in self._ends() if (why := self._why(end))})
         return self.type_name + (f", but others {' and '.join(unfit)}" if unfit else "")
 
@@ -132,11 +132,11 @@ def quality_mismatch(sender: Any, listener: Any) -> str:
     verdict, reason = qos_check_compatible(sender, listener)
     if verdict != QoSCompatibility.ERROR:
         return ""
-    return f"have another quality of service ({reason.removeprefix('ERROR: ').rstrip('; ')})"
+    return f"have an incompatible quality of service ({reason.removeprefix('ERROR: ').rstrip('; ')})"
 
 
 class _Context:
-    """The process's default context of rclpy: that of the program, or one that lives as long as nodes need it."""
+    """The process's default context of rclpy: the program's, or one with the lifetime of the nodes."""
 
     def __init__(self) -> None:
         self._lock, self._nodes, self._own = threading.Lock(), 0, False
@@ -170,11 +170,11 @@ _CONTEXT = _Context()
 class Ros2Node:
     """A node in the graph of ROS 2, in the domain and by the middleware of the environment.
 
-    It is never spun: messages wait inside the middleware until `Subscription.take`.
+    It is never spun: the middleware queues messages until `Subscription.take`.
 
     Args:
         name: The node's name.
-        use_sim_time: Stamps are of the topic ``/clock``.
+        use_sim_time: Use the topic ``/clock`` for stamps.
 
     Raises:
         RosNotSourcedError: If rclpy cannot be imported.
@@ -187,7 +187,7 @@ class Ros2Node:
             with ros_errors():
                 from rclpy.node import Node  # noqa: PLC0415
 
-                # Without the arguments of the program: a name given there is that of one node.
+                # Without the arguments of the program, whose name is for one node only.
                 self._node: Any = Node(
                     name, use_global_arguments=False, start_parameter_services=False, enable_rosout=False
                 )
@@ -199,13 +199,13 @@ class Ros2Node:
         self._open = True
 
     def unix_s(self, ros_s: float) -> float:
-        """A stamp as Unix time; with ``use_sim_time`` by the newest message of the clock.
+        """Convert a stamp to Unix time; with ``use_sim_time`` by the newest message of the clock.
 
         Args:
             ros_s: Seconds of ROS time.
 
         Raises:
-            Ros2Error: If no clock has come yet.
+            Ros2Error: Before the first message of the clock.
         """
         if self._clock is None:
             return ros_s
@@ -217,7 +217,7 @@ class Ros2Node:
         return ros_s + self._unix_minus_ros_s
 
     def publication(self, topic: str, type_name: str, latched: bool = False) -> Publication:
-        """Announce a topic to send on.
+        """Create a publisher.
 
         Args:
             topic: Its name.
@@ -226,16 +226,16 @@ class Ros2Node:
         """
         kind = message_type(type_name)
         with ros_errors():
-            # A late command is worth nothing: only the newest is kept.
+            # A late command is useless: only the newest is kept.
             return Publication(self._node.create_publisher(kind, topic_name(topic), _quality(1, latched, True)))
 
     def subscription(self, topic: str, type_name: str, latched: bool = False) -> Subscription:
-        """Announce a topic to listen to.
+        """Create a subscription.
 
         Args:
             topic: Its name.
             type_name: Such as ``std_msgs/msg/String``.
-            latched: Ask senders for what they sent before (transient local, reliable); else any sender fits.
+            latched: Request earlier messages (transient local, reliable); else compatible with any sender.
         """
         kind, full = message_type(type_name), topic_name(topic)
         with ros_errors():
@@ -248,12 +248,12 @@ class Ros2Node:
             self._node.destroy_subscription(subscription.made)
 
     def why_no_match(self, topic: str, type_name: str, listeners: bool) -> str:
-        """Why this topic finds no other side.
+        """Reason for the missing other end of a topic.
 
         Args:
             topic: Full name of the topic.
-            type_name: What is sent or expected here.
-            listeners: Whether listeners are missing; else senders.
+            type_name: Type of the messages here.
+            listeners: Whether subscribers are missing; else publishers.
         """
         does = "listens to" if listeners else "sends on"
         ask = self._node.get_subscriptions_info_by_topic if listeners else self._node.get_publishers_info_by_topic
@@ -268,7 +268,7 @@ class Ros2Node:
         return f"no node {does} {topic} as {type_name}{found}: is it active, in this domain (ROS_DOMAIN_ID)?"
 
     def close(self) -> None:
-        """Leave the graph; never raises."""
+        """Destroy the node; never raises."""
         if self._open:
             self._open = False
             with contextlib.suppress(Exception):
@@ -277,7 +277,7 @@ class Ros2Node:
 
 
 def _unused(_message: Any) -> None:
-    """Callback of subscriptions that are asked for their messages."""
+    """Callback of polled subscriptions."""
 
 
 def _quality(depth: int, latched: bool, reliable: bool) -> Any:
@@ -290,5 +290,5 @@ def _quality(depth: int, latched: bool, reliable: bool) -> Any:
     )
 
 
-# Makes a node of a name, with or without a simulated clock.
+# Factory of a node: name, and whether it uses a simulated clock.
 MakeNode = Callable[[str, bool], Ros2Node]

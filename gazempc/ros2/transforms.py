@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from gazempc.ros2.messages import FrameError, Ros2Error, stamp_s
 from gazempc.types import FloatArray
 
-# Drivers round quaternions off; what is farther from unit length is none.
+# Tolerance of the unit length, as drivers round quaternions.
 _NORM_ERROR = 0.05
-# Maps have their origin at the equator at most.
+# Maximum distance: of a map's origin at the equator.
 _FARTHEST_M = 1e8
 
 
@@ -28,13 +28,13 @@ def _numbers_of(transform: Any) -> _Numbers:
     """The numbers of a ``geometry_msgs/msg/Transform``.
 
     Raises:
-        Ros2Error: If they are no place on earth, or no rotation.
+        Ros2Error: If the position exceeds the size of the earth, or the rotation is invalid.
     """
     at, turn = transform.translation, transform.rotation
     numbers = (at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z)
     near = all(abs(value) <= _FARTHEST_M for value in numbers[:3])
-    if not near or not abs(math.hypot(*numbers[3:]) - 1.0) <= _NORM_ERROR:  # NaN is no distance
-        raise Ros2Error("its position is no place on earth, or its quaternion not of unit length")
+    if not near or not abs(math.hypot(*numbers[3:]) - 1.0) <= _NORM_ERROR:  # also refuses NaN
+        raise Ros2Error("its position exceeds the size of the earth, or its quaternion is not of unit length")
     return numbers
 
 
@@ -50,9 +50,9 @@ def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
     """Interpolated pose: linear in position, constant angular velocity in orientation (slerp).
 
     Args:
-        early: The one, shape (4, 4).
-        late: The other.
-        share: Of the way from the one to the other, 0 to 1.
+        early: First pose, shape (4, 4).
+        late: Second pose.
+        share: Interpolation parameter, 0 to 1.
 
     Returns:
         The pose, shape (4, 4).
@@ -63,20 +63,20 @@ def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
     return pose
 
 
-# Observations are used within a second.
+# Length of the history: observations are used within a second.
 _KEPT_S = 5.0
-# Between samples farther apart the motion is unknown.
+# Maximum interval for interpolation.
 _LONGEST_GAP_S = 1.0
-# A stamp so far back marks a restart of the sender, such as a bag played in a loop.
+# Backward jump of a stamp that indicates a restart of the sender, such as a bag played in a loop.
 _STARTED_AGAIN_S = 1.0
-# Frames of people who have gone are forgotten after so long.
-_FORGOTTEN_AFTER_S = 30.0
-# A stamp and the numbers of a pose, which become a matrix where they are asked for: of a tree at 100 Hz few are.
+# Lifetime of a frame without new transforms, such as of a person who left.
+_LIFETIME_S = 30.0
+# A stamp and the numbers of a pose, converted to a matrix on demand: few of a tree at 100 Hz are used.
 _Sample = tuple[float, _Numbers]
 
 
 class Transforms:
-    """The tree of frames. Times are ROS time, seconds: those of the stamps, whatever clock they are of.
+    """The tree of frames. Times are stamps of ROS time on any clock, seconds.
 
     Poses are homogeneous matrices, shape (4, 4), metres, which map coordinates of a frame to those of another.
     """
@@ -90,14 +90,14 @@ class Transforms:
         self._pruned_s = -math.inf
 
     def take(self, transforms: Sequence[Any], fixed: bool = False) -> tuple[list[tuple[str, float]], list[str]]:
-        """Take in the transforms of a message.
+        """Add the transforms of a message.
 
         Args:
             transforms: Each a ``geometry_msgs/msg/TransformStamped``.
-            fixed: Whether they are from ``/tf_static``, and hold at all times.
+            fixed: Whether they are static, from ``/tf_static``.
 
         Returns:
-            Frames that have moved, each with its stamp; and what could not be used, and why.
+            Frames that have moved, each with its stamp; and reasons of refused transforms.
         """
         moved: list[tuple[str, float]] = []
         problems: list[str] = []
@@ -114,7 +114,7 @@ class Transforms:
     def _take(self, header: Any, child: str, transform: Any, fixed: bool) -> float:
         parent = header.frame_id.lstrip("/")
         if not parent or not child or parent == child:
-            raise Ros2Error(f"its frame is {child!r} in {parent!r}: needed are two frames")
+            raise Ros2Error(f"its frame is {child!r} in {parent!r}: expected two frames")
         numbers = _numbers_of(transform)
         time_s = 0.0 if fixed else stamp_s(header.stamp)
         if self._parent.get(child, parent) != parent or (child in self._fixed) != fixed:
@@ -128,17 +128,17 @@ class Transforms:
         return time_s
 
     def has(self, frame: str) -> bool:
-        """Whether a transform of a frame has come."""
+        """Whether a transform of a frame was received."""
         return frame in self._parent
 
     def ancestors(self, frame: str) -> tuple[str, ...]:
-        """The frames that a frame stands in, its parent first.
+        """The ancestors of a frame, its parent first.
 
         Args:
             frame: Its name.
 
         Returns:
-            Their names; what stands in itself is given once.
+            Their names; a frame in a cycle appears once.
         """
         found: list[str] = []
         while (parent := self._parent.get(frame)) is not None and parent not in found:
@@ -147,7 +147,7 @@ class Transforms:
         return tuple(found)
 
     def moved_with(self, frame: str) -> Iterable[str]:
-        """A frame, and all that are fixed to it.
+        """A frame, and all its static descendants.
 
         Args:
             frame: Its name.
@@ -167,15 +167,15 @@ class Transforms:
         """Pose of a frame in another at a time.
 
         Args:
-            frame: The one.
-            seen_from: The other.
-            time_s: When, seconds; None for the newest time at which all frames between are known.
+            frame: Its name.
+            seen_from: Name of the reference frame.
+            time_s: Time, seconds; None for the newest common time of all frames between.
 
         Returns:
             The pose, shape (4, 4).
 
         Raises:
-            FrameError: If it is not known, or not yet; names the missing frame.
+            FrameError: If it is unknown, possibly only for now; names the missing frame.
         """
         up, down = (frame, *self.ancestors(frame)), (seen_from, *self.ancestors(seen_from))
         common = next((name for name in up if name in down), None)
@@ -196,14 +196,14 @@ class Transforms:
         return pose
 
     def _at(self, child: str, time_s: float) -> FloatArray:
-        """A frame in its parent."""
+        """Pose of a frame in its parent."""
         if child in self._fixed:
             return self._fixed[child]
         samples = self._moving[child]
         after = bisect_left(samples, time_s, key=lambda sample: sample[0])
         if after < len(samples) and samples[after][0] == time_s:
             return _pose_of(samples[after][1])
-        where = f"where {child!r} is in {self._parent[child]!r}"
+        where = f"pose of {child!r} in {self._parent[child]!r}"
         if after == len(samples):
             raise FrameError(f"{where}: the last transform is {time_s - samples[-1][0]:.2f} s older")
         if after == 0:
@@ -227,7 +227,7 @@ class Transforms:
         self._newest_s = max(self._newest_s, time_s)
         if abs(self._newest_s - self._pruned_s) > 1.0:
             self._pruned_s = self._newest_s
-            gone = [name for name, kept in self._moving.items() if kept[-1][0] < time_s - _FORGOTTEN_AFTER_S]
+            gone = [name for name, kept in self._moving.items() if kept[-1][0] < time_s - _LIFETIME_S]
             for name in gone:
                 self._forget(name)
 

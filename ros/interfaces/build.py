@@ -1,7 +1,7 @@
-"""Build the interfaces that have no wheel into the environment of the Python that runs this.
+"""Build the interfaces without wheels into the environment of this Python.
 
 The wheels of rclpy for tests (see kilted.txt) bring the generators of rosidl; cmake and ninja come from pip, the
-C++ compiler from the system. A robot has these packages from its ROS 2 distribution.
+C++ compiler from the system. On a robot its ROS 2 distribution has these packages.
 
     pip install -r ros/interfaces/kilted.txt && python ros/interfaces/build.py
 """
@@ -30,7 +30,7 @@ find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
 {find}
 rosidl_generate_interfaces({name} {files} DEPENDENCIES {dependencies})
-# The wheels name the folder in which they were built; cmake refuses paths that do not exist.
+# The wheels contain paths of their build folder; cmake refuses nonexistent paths.
 foreach(package action_msgs builtin_interfaces geometry_msgs service_msgs std_msgs unique_identifier_msgs)
   set(target ${{package}}::${{package}}__rosidl_generator_py)
   if(TARGET ${{target}})

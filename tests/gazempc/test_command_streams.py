@@ -94,7 +94,7 @@ def test_a_signal_during_the_imports_is_one_line(module, name):
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 130
-    assert done.stderr == f"{name}: interrupted before it began\n"
+    assert done.stderr == f"{name}: interrupted during start-up\n"
 
 
 # ruff: noqa: PTH208, PT012

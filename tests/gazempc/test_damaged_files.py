@@ -34,7 +34,7 @@ from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor
 
 INPUTS = 300
-# A refusal takes at most 2 s; files here are too small for a tenth of it.
+# Timeout of a refusal, more than ten times the usual time of these small files.
 MOST_S = 2.0
 MOST_CHARACTERS = 3000
 # Kinds that take ten times as long as the others to read.

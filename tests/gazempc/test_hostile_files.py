@@ -66,7 +66,7 @@ def test_pipes_and_devices_do_not_block(name, tmp_path):
 def test_files_of_gigabytes_are_not_read(name, tmp_path):
     path = tmp_path / name
     with path.open("wb") as file:
-        file.truncate(20 * 2**30)  # takes no room
+        file.truncate(20 * 2**30)  # sparse
     assert "too large" in refused(READERS[name], path)
 
 
@@ -128,7 +128,7 @@ def test_entities_in_xml_are_not_resolved(tmp_path):
 
 
 def npz(members):
-    """An archive of members with a header of their own; see the format of numpy's files."""
+    """An archive of members with given headers; see the format of numpy's files."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, (shape, kind, data) in members.items():

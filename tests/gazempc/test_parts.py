@@ -41,7 +41,7 @@ def test_modules_of_the_working_directory_are_importable(tmp_path, monkeypatch):
     ("text", "choice", "named"),
     [
         ("class Parts: pass", "mine:Part", ["mine has no 'Part'", "perhaps you meant 'Parts'"]),
-        ("Part = 3", "mine:Part", ["Part is no class and no function, but int"]),
+        ("Part = 3", "mine:Part", ["Part is neither class nor function, but int"]),
         ("import no_such_thing", "mine:Part", ["mine needs the module 'no_such_thing'"]),
         ("1 / 0", "mine:Part", ["importing mine raised ZeroDivisionError: division by zero"]),
         ("", "nowhere:Part", ["there is no module 'nowhere'", "working directory"]),

@@ -57,7 +57,7 @@ def test_exactly_the_announced_files_are_written(main_job, tmp_path, capsys):
     logs = [f"{name}{end}.npz" for name in LABELS for end in ("", "_compute")]
     announced = [name for name in announced_files(output) if "each controller" not in name]
     assert sorted([*announced, *logs]) == sorted(path.name for path in out.iterdir())
-    # A log measured again, without figures.
+    # A re-evaluated log, without figures.
     assert main(["--replay", str(out / "mpc.npz"), "--no-figures", "--out", str(tmp_path)]) == 0
     announced = announced_files(capsys.readouterr().out)
     assert sorted(announced) == sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]

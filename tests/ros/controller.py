@@ -1,8 +1,8 @@
 """A scripted joint_trajectory_controller of a simulated neck with dead time.
 
-It treats trajectories as that of ros2_controllers (Jazzy and later): the newest replaces the one before, from the
-present state on; between points it interpolates by quintics; a last point that moves is refused. It sends joint
-states and the neck's frames, and writes what the joints did.
+It implements the semantics of ros2_controllers (Jazzy and later): a new trajectory replaces the previous one from the
+present state on; quintic interpolation between points; a moving last point is refused. It publishes joint states and
+the neck's frames, and records the motion of the joints.
 """
 
 import argparse
@@ -152,6 +152,6 @@ def main():
 
 
 if __name__ == "__main__":
-    # Where the system allows it: tests run on busy computers, robots and cameras do not wait.
+    # Where permitted: tests run on busy computers, but robots and cameras are real-time.
     before_other_programs()
     main()

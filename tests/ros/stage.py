@@ -1,4 +1,4 @@
-"""Processes of a graph of ROS 2, and a client among them."""
+"""Processes of a graph of ROS 2, and a client."""
 
 import os
 import signal
@@ -20,7 +20,7 @@ rclpy = rclpy_or_skip()
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PACKAGE = ROOT / "ros" / "gazempc_ros"
-# The controller samples a command up to one of its periods late and holds its own for one, as `identify` measures.
+# Additional dead time of the controller, as measured by `identify`: sampling delay and hold of its period.
 TOWARDS_CONTROLLER_S = 0.002
 NECK_PARAMETERS = {
     "options.ros2.base_frame": "base_link",
@@ -53,7 +53,7 @@ class Process:
             raise
 
     def until(self, words, timeout_s=60.0):
-        """Wait until it has printed something."""
+        """Wait until it has printed some words."""
         wait_for(lambda: words in self.text() or self.process.poll() is not None, timeout_s, why=f"no {words!r}")
         assert words in self.text(), self.text()
 
@@ -89,7 +89,7 @@ class Stage:
         return self.start("gaze", "-m", "gazempc_ros.gaze", "--ros-args", *given, *words)
 
     def rows(self):
-        """What the joints did: the controller's times, commands (3, N), angles and velocities; and its file."""
+        """Recorded motion: the controller's times, commands (3, N), angles and velocities; and its file."""
         with np.load(self.controller_file) as file:
             found = {name: file[name] for name in file.files}
         rows = found["rows"]
@@ -125,7 +125,7 @@ class Client:
     def step(self):
         rclpy.spin_once(self.node, timeout_sec=0.02)
 
-    def wait(self, condition, timeout_s=60.0, why="waited in vain"):
+    def wait(self, condition, timeout_s=60.0, why="timeout"):
         return wait_for(condition, timeout_s, self.step, why)
 
     def for_s(self, seconds):

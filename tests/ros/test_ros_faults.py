@@ -130,7 +130,7 @@ def test_a_simulation_clock_reset_is_handled(stage):
     # The controller's stamps are of the computer's clock: only the simulator's tracker fits. A robot without joint
     # states would be driven open loop; here they are refused, so the node cannot begin.
     tracker = stage.tracker("--sim-time", "--passes", "20")
-    gaze.until("no joint state on /joint_states can be used")
+    gaze.until("no valid joint state on /joint_states")
     gaze.until("use_sim_time")
     gaze.stop()
     # The neck in the simulator, people by its clock.
@@ -140,7 +140,7 @@ def test_a_simulation_clock_reset_is_handled(stage):
     tracker.stop()
     tracker = stage.tracker("--sim-time", "--clock-jump-after-s", "5", "--passes", "20")
     watch.until_used(60)
-    stage.client().for_s(4.0)  # the jump lies in here
+    stage.client().for_s(4.0)  # includes the jump
     watch.until_used(60)
     tracker.stop()
     assert gaze.stop() == 0, gaze.text()
@@ -160,7 +160,7 @@ def test_a_node_stopped_in_motion_brakes_within_limits(stage, how):
     def moves():
         return bool(states) and abs(states[-1].velocity[1]) > 1.0
 
-    # Two seconds at this speed; a client on a busy computer that misses them all the same sends the neck back.
+    # Two seconds at this speed; a client on a busy computer that misses them sends the neck back.
     for side_m in (1.5, -1.5, 1.5, -1.5):
         assert head.send(point_head([0.3, side_m, 0.0], max_rad_s=1.2)).accepted
         until_s = time.monotonic() + 8.0

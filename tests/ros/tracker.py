@@ -112,6 +112,6 @@ def main():
 
 
 if __name__ == "__main__":
-    # Where the system allows it: tests run on busy computers, robots and cameras do not wait.
+    # Where permitted: tests run on busy computers, but robots and cameras are real-time.
     before_other_programs()
     main()

@@ -18,7 +18,7 @@ _Quaternion = tuple[float, float, float, float]
 
 
 class LineError(ValueError):
-    """A line is not an observation; names the field and what is accepted."""
+    """An invalid line; the message names the field and the accepted values."""
 
 
 class _Fields(BaseModel):
@@ -28,7 +28,7 @@ class _Fields(BaseModel):
 class _Observation(_Fields):
     head_position_m: _Vector
     capture_time_s: float | None = None
-    # Older observations are of no use for control; larger numbers are mostly milliseconds.
+    # Maximum age: older observations are useless for control; larger numbers are mostly milliseconds.
     age_s: Annotated[float, Field(ge=0, le=10)] | None = None
     head_quat_wxyz: _Quaternion | None = None
     pelvis_quat_wxyz: _Quaternion | None = None
@@ -46,21 +46,20 @@ _OPTIONAL = FIELDS[3:-1]
 def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float]) -> HeadObservation:
     """Read one line.
 
-    ``{"capture_time_s": 1763718300.25, "head_position_m": [2.1, 0.3, 0.4]}``, or ``age_s`` (how long ago the frame was
-    captured) in place of the Unix time. All other fields are optional, and what they mean stands at `HeadObservation`;
-    ``person_id`` may be a whole number, too. Positions are metres in the sensor's frame, x forward, y left, z up;
-    identity quaternions face +x.
+    ``{"capture_time_s": 1763718300.25, "head_position_m": [2.1, 0.3, 0.4]}``, or ``age_s`` (age of the frame) in place
+    of the Unix time. All other fields are optional, see `HeadObservation`; ``person_id`` may be a whole number, too.
+    Positions are metres in the sensor's frame, x forward, y left, z up; identity quaternions face +x.
 
     Args:
         text: The line.
-        arrival_s: When it came, on the loop's clock.
-        to_loop_s: Puts a capture time as stated (in the format: Unix time) on the loop's clock.
+        arrival_s: Arrival time on the loop's clock, seconds.
+        to_loop_s: Converts the stated capture time (by default Unix time) to the loop's clock.
 
     Returns:
         The observation in the sensor's frame.
 
     Raises:
-        LineError: If it is not one.
+        LineError: If it is invalid.
     """
     try:
         line = _Observation.model_validate_json(text)
@@ -71,17 +70,17 @@ def parse_line(text: str, arrival_s: float, to_loop_s: Callable[[float], float])
     elif line.age_s is not None and line.capture_time_s is None:
         capture_s = arrival_s - line.age_s
     else:
-        raise LineError("needed is one of capture_time_s (Unix time) and age_s (seconds since capture)")
+        raise LineError("expected one of capture_time_s (Unix time) and age_s (seconds since capture)")
     stated: dict[str, Any] = {name: getattr(line, name) for name in _OPTIONAL}
     person_id = None if line.person_id is None else str(line.person_id)
     try:
         return HeadObservation(capture_s, np.array(line.head_position_m), **stated, person_id=person_id)
-    except ValueError as error:  # a quaternion that is not of unit length, a covariance that is none
+    except ValueError as error:  # a quaternion not of unit length, an invalid covariance
         raise LineError(str(error)) from None
 
 
 def _complaint(error: ValidationError, fields: tuple[str, ...]) -> str:
-    """The first problem: field, what is accepted, what was given."""
+    """The first problem: field, accepted values, given value."""
     found = error.errors(include_url=False)[0]
     field = ".".join(map(str, found["loc"]))[:_SHOWN]
     if found["type"] == "extra_forbidden":
@@ -120,7 +119,7 @@ _CUE: TypeAdapter[_Cue] = TypeAdapter(_Cue)
 
 
 def is_cue(text: str) -> bool:
-    """Whether a line is a cue, and not an observation: it names one, and no head."""
+    """Whether a line is a cue: it has the field of a cue, and no head."""
     return '"cue"' in text and "head_position_m" not in text
 
 
@@ -132,13 +131,13 @@ def parse_cue(text: str, arrival_s: float) -> Cue:
 
     Args:
         text: The line.
-        arrival_s: When it came, on the loop's clock.
+        arrival_s: Arrival time on the loop's clock, seconds.
 
     Returns:
         The cue.
 
     Raises:
-        LineError: If it is none; names the field and what is accepted.
+        LineError: If it is invalid; names the field and the accepted values.
     """
     try:
         line = _CUE.validate_json(text)

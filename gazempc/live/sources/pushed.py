@@ -16,7 +16,7 @@ from gazempc.live.stamps import StampReader
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
-# More than a second of a fast tracker.
+# Length of the queue: more than a second of a fast tracker.
 _WAITING_MAX = 1024
 # Difference from the present time that indicates a stamp of another clock or unit.
 _OTHER_CLOCK_S = 3600.0
@@ -40,18 +40,18 @@ class Stated(TypedDict, total=False):
     confidence: float | None
 
 
-# The field of `HeadObservation` for each of them.
+# The corresponding fields of `HeadObservation`.
 _FIELDS = {name: name for name in Stated.__annotations__} | {"covariance_m2": "position_covariance_m2"}
 
 
 class PushedSource:
-    """Takes observations from the thread of a tracker, and gives them to the loop.
+    """Queue of observations from the thread of a tracker to the loop.
 
-    It ends with the thread that opened it, the thread of the tracker.
+    It ends with the tracker's thread, which opened it.
 
     Args:
         clock: The loop's clock.
-        stamps: How the capture times are read.
+        stamps: Reader of capture times.
     """
 
     def __init__(self, clock: Clock, stamps: StampReader) -> None:
@@ -60,7 +60,7 @@ class PushedSource:
         self._owner = threading.current_thread()
 
     def push(self, time_s: float, head_m: Any, stated: Mapping[str, Any]) -> None:
-        """Hand one observation over, from any thread.
+        """Append one observation, from any thread.
 
         Args:
             time_s: Capture time, seconds.
@@ -68,7 +68,7 @@ class PushedSource:
             stated: Values of `Stated` by name; None if there is none.
 
         Raises:
-            ValueError: If a value is not one; names the field and what is accepted.
+            ValueError: If a value is invalid; names the field and the accepted values.
             TypeError: If there is no such field.
         """
         if unknown := [name for name in stated if name not in _FIELDS]:
@@ -85,7 +85,7 @@ class PushedSource:
         self._arrived.append(Sighting(arrival_s, observation))
 
     def open(self) -> None:
-        """See `gazempc.live.sources.source.Source.open`; the calling thread is the one that sees."""
+        """See `gazempc.live.sources.source.Source.open`, in the tracker's thread."""
         self._owner = threading.current_thread()
 
     def poll(self) -> Arrived:
@@ -106,28 +106,28 @@ class PushedSource:
         known = {"unix": ("time.time", time.time), "monotonic": ("time.monotonic", time.monotonic)}.get(clock)
         if known is not None and abs(stamp_s - (now_s := known[1]())) > _OTHER_CLOCK_S:
             raise ValueError(
-                f"time_s is {stamp_s:.6g}: needed is the capture time in seconds as {known[0]}() gives it (now "
+                f"time_s is {stamp_s:.6g}: expected the capture time in seconds as {known[0]}() gives it (now "
                 f'{now_s:.1f}), or another clock: clock="unix", "monotonic", "other"'
             )
         return self._stamps.loop_s(stamp_s, arrival_s)
 
 
 def checked(name: str, value: Any, shape: tuple[int, ...], what: str) -> FloatArray:
-    """Finite numbers of a shape.
+    """Validate finite numbers of a shape.
 
     Args:
         name: Name of the field.
-        value: What was given.
+        value: Given value.
         shape: The shape.
-        what: What the numbers are, for the message.
+        what: Description of the numbers, for the message.
 
     Returns:
         The numbers.
 
     Raises:
-        ValueError: If they are not; names the field and what is accepted.
+        ValueError: If they are invalid; names the field and the accepted values.
     """
-    wanted = f"needed is {what}" + (f", shape {shape}" if shape else "")
+    wanted = f"expected {what}" + (f", shape {shape}" if shape else "")
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -144,6 +144,6 @@ def _value(name: str, value: Any) -> Any:
         return checked(name, value, *_SHAPES[name])
     if name == "person_id":
         if isinstance(value, bool) or not isinstance(value, int | np.integer | str):
-            raise ValueError(f"person_id is {value!r}: needed is a whole number or a text")
+            raise ValueError(f"person_id is {value!r}: expected a whole number or a text")
         return str(value)
     return float(checked(name, value, (), "a number"))

@@ -16,14 +16,14 @@ from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
-# Long enough that a person who comes back is a new one to the loop.
+# Long enough that the loop starts a new track for the returning person.
 _PAUSE_S = 2.0
-# A neck turns to the other side of its range within this time.
+# Time in which a neck crosses its range.
 _BACK_S = 2.0
 
 
 class ReplaySource:
-    """Gives a recording's observations when they would have arrived, counted from `open`.
+    """Provides a recording's observations at their arrival times, counted from `open`.
 
     Args:
         placed: The recording in the base frame.
@@ -31,7 +31,7 @@ class ReplaySource:
         seed: Seed of the sensor's noise.
         clock: The loop's clock.
         passes: Number of repetitions, each with different noise.
-        others: Other people who are there at the same time.
+        others: Other people present at the same time.
     """
 
     keeps_any_clock = True
@@ -76,14 +76,14 @@ class ReplaySource:
         return Arrived(tuple(arrived))
 
     def own_s(self, times_s: FloatArray) -> FloatArray:
-        """The recording's time at times of the loop, in each pass anew.
+        """Convert times of the loop to the recording's time within a pass.
 
         Args:
             times_s: Shape (H,), seconds.
 
         Returns:
-            Shape (H,), seconds; beyond the recording's end between two passes, and until the neck can be back on the
-            person: nothing is known there, so the jump from pass to pass is not scored.
+            Shape (H,), seconds; beyond the recording's end between two passes and during reacquisition: the true head
+            is unknown there, so the jump between passes is not scored.
         """
         elapsed_s = times_s - self.start_s
         number = np.clip(np.floor(elapsed_s / self._pass_s), 0, self._passes - 1)
@@ -109,7 +109,7 @@ class BagSource(ReplaySource):
     """Provides the tracker's measurements at their arrival times, counted from `open`.
 
     Args:
-        placed: The recording in the base frame, with what was measured.
+        placed: The recording in the base frame, with its measurements.
         clock: The loop's clock.
         others: Other people of the bag.
     """
@@ -121,7 +121,7 @@ class BagSource(ReplaySource):
 
     @property
     def finished(self) -> bool:
-        """See `gazempc.live.sources.source.Source.finished`: True once all that was recorded has been given."""
+        """See `gazempc.live.sources.source.Source.finished`: True after the last measurement."""
         return super().finished and not self._sightings
 
 
@@ -129,10 +129,10 @@ def bag_sightings(placed: Recording) -> list[Sighting]:
     """The measurements of a tracker, in order of arrival.
 
     Args:
-        placed: The recording, with what was measured; time starts at 0. Without delays all arrives at once.
+        placed: The recording with its measurements, from time 0. Without recorded delays they arrive at once.
 
     Returns:
-        A sighting for each frame in which the person was seen.
+        A sighting for each frame with the person in view.
     """
     track = placed.truth if placed.measured is None else placed.measured
     delays_s = np.zeros_like(placed.times_s) if placed.delays_s is None else placed.delays_s

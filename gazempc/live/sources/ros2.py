@@ -27,7 +27,7 @@ _YAW = 5
 # Length of the queue; it grows only while frames of tf are missing.
 _WAITING_MAX = 256
 _TF = "/tf"
-# Timeout for transforms between tracker and robot, which come from other nodes.
+# Timeout for transforms between tracker and robot, sent by other nodes.
 _WAITS_S = 0.2
 # Name of a node that is not discovered completely, in rmw_dds_common.
 _UNNAMED = "_NODE_NAME_UNKNOWN_"
@@ -96,7 +96,7 @@ class Ros2Source(ABC):
         """Subscribe; returns the topics with monitored publishers."""
 
     @abstractmethod
-    def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         """Process messages, after those of tf; problems are appended. Raises Ros2Error if the node is closed."""
 
     def open(self) -> None:
@@ -126,7 +126,7 @@ class Ros2Source(ABC):
         try:
             if self._tf is not None:
                 self._tf.listen(problems)
-            sightings, cues = self._take_in(now_s, problems)
+            sightings, cues = self._process(now_s, problems)
         except Ros2Error as error:
             problems.append(f"{self._name}: {error}")
         return Arrived(tuple(sightings), tuple(problems), self._watch_senders(now_s), tuple(cues))
@@ -227,8 +227,8 @@ class Ros2Person(Ros2Source):
     """Heads from a topic of poses, points or detections; the stamp is the time of capture.
 
     Positions are in metres. Without a base frame in the options they are in the sensor's frame (x forward, y left, z
-    up), whose pose the mount gives; with it, tf brings any frame into the base frame. Zeros of a covariance are taken
-    for unknown, as is usual in ROS.
+    up), whose pose the mount gives; with it, tf brings any frame into the base frame. Zeros of a covariance mean
+    unknown, by convention of ROS.
 
     Args:
         topic: Topic of the heads.
@@ -259,7 +259,7 @@ class Ros2Person(Ros2Source):
         self._poses = node.subscription(self._topic, self._options.pose_type)
         return {self._topic: self._poses}
 
-    def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         found = self._placed(
             self._poses.take(), lambda each: self._seen(each, now_s, problems), lambda _: self._topic, now_s, problems
         )
@@ -275,8 +275,8 @@ class Ros2Person(Ros2Source):
             pose = self._tf.transforms.pose(frame, base_frame, time_s)
         elif not self._optical and frame.endswith("optical_frame"):
             raise Ros2Error(
-                f"a pose is in the frame {frame!r}, whose z points forward: needed is x forward, z up; for optical "
-                "axes say --mount.axes optical, or name options.ros2.base_frame"
+                f"a pose is in the frame {frame!r}, whose z points forward: expected x forward, z up; for optical "
+                "axes set --mount.axes optical, or options.ros2.base_frame"
             )
         # Heads of a message are validated individually.
         heads = _heads(message, self._options.pose_type)
@@ -298,7 +298,7 @@ def _heads(message: Any, pose_type: str) -> list[_Head]:
     for detection in message.detections:
         best = max(detection.results, key=lambda result: result.hypothesis.score, default=None)
         stated = None if best is None else best.pose
-        # Detectors leave out one of both: poses of hypotheses, or the box.
+        # Detectors omit either the poses of hypotheses or the box.
         use_box = stated is None or not any(_xyz(stated.pose.position))
         pose = detection.bbox.center if use_box or stated is None else stated.pose
         covariance = None if use_box or stated is None else _covariance(stated)
@@ -330,7 +330,7 @@ def _observation(head: _Head, captured_s: float, pose: FloatArray | None) -> Hea
         place = head.covariance[:3, :3] if head.covariance[:3, :3].any() else None
         yaw_variance_rad2 = float(head.covariance[_YAW, _YAW])
         if quat_wxyz is not None and not 0.0 <= yaw_variance_rad2 < np.inf:
-            raise Ros2Error(f"the variance of a pose's yaw is {yaw_variance_rad2}: needed is 0 (not known) or more")
+            raise Ros2Error(f"the variance of a pose's yaw is {yaw_variance_rad2}: expected 0 (unknown) or more")
     seen = HeadObservation(
         capture_time_s=captured_s,
         head_position_base_m=head.position_m,

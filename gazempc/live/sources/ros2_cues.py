@@ -23,14 +23,14 @@ from gazempc.types import FloatArray, Sighting
 _POINT = "geometry_msgs/msg/PointStamped"
 # Deduplication of points: time and distance within which a repeated point causes no new glance.
 _SAME_S, _SAME_M = 2.0, 0.3
-# A direction is less than a whole turn; what is more is in another unit.
+# Maximum direction, a whole turn; larger values are in another unit.
 _TURN_RAD = 2.0 * math.pi
 # Minimum distance of a gaze target: outside of the neck itself.
 _NEAREST_M = 0.05
 
 
 class Ros2Cues(Ros2Source):
-    """Listens to the topics of cues that the options name.
+    """Subscribes to the topics of cues in the options.
 
     Args:
         clock_s: The loop's clock, seconds.
@@ -64,7 +64,7 @@ class Ros2Cues(Ros2Source):
         self._topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
         return self._topics
 
-    def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         cues: list[Cue] = []
         if self._sound_topic:
             sounds = self._topics[self._sound_topic].take()
@@ -81,7 +81,7 @@ class Ros2Cues(Ros2Source):
         azimuth_rad = math.radians(message.data) if in_degrees else float(message.data)
         if not abs(azimuth_rad) <= _TURN_RAD:
             wanted = "degrees, at most 360" if in_degrees else "radians, at most a whole turn"
-            raise Ros2Error(f"a direction of sound is {message.data}: needed are {wanted}, positive to the left")
+            raise Ros2Error(f"a direction of sound is {message.data}: expected {wanted}, positive to the left")
         if self._options.sound_frame is None or self._options.base_frame is None or self._tf is None:
             return Sound(now_s, azimuth_rad)
         pose = self._tf.transforms.pose(self._options.sound_frame, self._options.base_frame)
@@ -97,7 +97,7 @@ class Ros2Cues(Ros2Source):
         if not frame:
             raise Ros2Error("a point's header names no frame")
         if not np.isfinite(place_m).all():
-            raise Ros2Error(f"a point is at {place_m[:3].tolist()}: needed are finite metres")
+            raise Ros2Error(f"a point is at {place_m[:3].tolist()}: expected finite metres")
         # Without a stamp: now, as is usual in tf.
         time_s = stamp_s(header.stamp) if header.stamp.sec or header.stamp.nanosec else None
         if time_s is not None:
@@ -115,16 +115,16 @@ class Ros2Cues(Ros2Source):
 
 
 def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mounted: bool) -> tuple[Ros2Cues, ...]:
-    """The listener to topics of cues; empty where none is named.
+    """The source of cues; empty without a topic in the options.
 
     Args:
         settings: The settings.
         neck: The neck.
         clock: The loop's clock.
-        mounted: Whether the base frame of tf is that of the mount; else it is the neck's own base frame.
+        mounted: Whether the base frame of tf is the mount's; else it is the neck's base frame.
 
     Raises:
-        SettingsError: If settings do not go together.
+        SettingsError: If settings are incompatible.
     """
     ros2 = settings.options.ros2
     if ros2.point_topic is None and ros2.sound_topic is None:

@@ -21,17 +21,17 @@ from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
 _LISTS = {"face": "/humans/faces/tracked", "body": "/humans/bodies/tracked", "person": "/humans/persons/tracked"}
-# The part that a person's topic names.
+# Part named by a person's topic.
 _MATCHES = {"face": "face_id", "body": "body_id"}
-# Ids of the tracker become names of topics.
+# Ids of the tracker are part of topic names.
 _ID = re.compile(r"\w+")
-# Kinds of frames, and the list that they are in: heads of skeletons are named by the body.
+# Kinds of frames, and their lists: heads of skeletons have the id of the body.
 _PART = {"face": "face", "head": "body", "body": "body"}
 _HEAD = re.compile(rf"({'|'.join(_PART)})_(\w+)")
 # From the middle of the hips to between the eyes, along the back, of a person 1.7 m tall: 0.936 and 0.530 of the height
 # (Drillis & Contini, Body segment parameters, 1966).
 _HEAD_OVER_HIPS_M = 0.69
-# While a face is seen, the head of a skeleton is less accurate. No two heads are so near to each other.
+# Time and distance within which a face replaces the less accurate head of a skeleton; two heads are farther apart.
 _FACE_COUNTS_S, _ONE_HEAD_M = 0.5, 0.4
 
 
@@ -46,8 +46,8 @@ class _Head(NamedTuple):
 class Ros4HriPeople(Ros2Source):
     """The head of each person from tf, with the person's id, or the tracker's.
 
-    A head is where ``face_<id>`` is, else ``head_<id>`` of a skeleton, else over the hips of ``body_<id>``. Ids that
-    are not in the tracker's list are left out.
+    The head is at ``face_<id>``, else at ``head_<id>`` of a skeleton, else above the hips of ``body_<id>``. Ids outside
+    of the tracker's list are ignored.
 
     Args:
         clock_s: The loop's clock, seconds.
@@ -76,12 +76,12 @@ class Ros4HriPeople(Ros2Source):
         # By part and person.
         self._matches: dict[tuple[str, str], Subscription] = {}
         self._part_of: dict[tuple[str, str], str] = {}
-        # Of those seen lately by the tracker's name: capture time and place.
+        # Recent faces by the tracker's name: capture time and position.
         self._faces: dict[str, tuple[float, FloatArray]] = {}
         self._sensor_frame: str | None = None
         return {}
 
-    def _take_in(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         assert self._tf is not None
         self._listen()
         heads: list[_Head] = []
@@ -107,7 +107,7 @@ class Ros4HriPeople(Ros2Source):
                 self._part_of[key] = message.data
 
     def _follow(self, persons: frozenset[str]) -> None:
-        """Listen to the matches of these persons alone."""
+        """Subscribe to the matches of these persons only."""
         assert self._node is not None
         for key in [key for key in self._matches if key[1] not in persons]:
             self._node.forget(self._matches.pop(key))
@@ -122,15 +122,15 @@ class Ros4HriPeople(Ros2Source):
         return part not in self._listed or its_id in self._listed[part]
 
     def _is_head(self, name: str) -> bool:
-        """Whether a frame is a head that is tracked: some trackers go on sending the last pose of a face they lost."""
+        """Whether a frame is a tracked head: some trackers repeat the last pose of a lost face."""
         found = _HEAD.fullmatch(name)
         if found is None or not is_person(name):
             return False
         kind, its_id = found.groups()
-        # Of a skeleton with a head the hips are of no use.
+        # The hips of a skeleton with a head are ignored.
         if kind == "body" and self._transforms.has(f"head_{its_id}"):
             return False
-        # A face counts before the first list, too; a robot has heads and bodies itself.
+        # Faces are accepted before the first list; heads and bodies may be the robot's own.
         return (kind == "face" or _PART[kind] in self._listed) and self._is_listed(_PART[kind], its_id)
 
     def _person(self, part: str, its_id: str) -> str | None:
@@ -139,7 +139,7 @@ class Ros4HriPeople(Ros2Source):
         return next((who for who in found if self._is_listed("person", who)), None)
 
     def _seen_from(self, name: str) -> str:
-        """The frame in which a head is given."""
+        """The reference frame of a head."""
         if self._options.base_frame is not None:
             return self._options.base_frame
         own = f"_{name.partition('_')[2]}"

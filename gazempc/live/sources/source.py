@@ -12,16 +12,16 @@ from gazempc.loop.events import Event
 from gazempc.people.company import Cue
 from gazempc.types import FloatArray, Sighting
 
-# A tenth of a head's width: nearer is no measurement.
+# Minimum range of a measurement: a tenth of a head's width.
 _NEAREST_M = 0.01
 
 
 class SourceError(GazempcError):
-    """A source cannot be opened: names it, and what to check."""
+    """A source cannot be opened; the message names it, and what to check."""
 
 
 def check_range(position_m: FloatArray) -> None:
-    """Refuse a head at the sensor itself, which some trackers send when no person is seen.
+    """Refuse a head at the sensor itself, which some trackers send without a person in view.
 
     Args:
         position_m: In the sensor's frame, shape (3,), metres.

@@ -1,4 +1,4 @@
-"""Lines of JSON from standard input, UDP or TCP, read and parsed in a thread of their own."""
+"""Lines of JSON from standard input, UDP or TCP, read and parsed in a separate thread."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from gazempc.people.company import Cue
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
-# Trackers are silent without a person in view, so silence alone frees the place only where the system of the sender
-# cannot report a closed port any more (power, network): after longer than people usually stay away.
+# Timeout of the lock on a sender whose system cannot report a closed port (power, network); longer than usual absences
+# of people, as trackers are silent without a person in view.
 _SILENCE_S = 600.0
-# A closed port is asked for only after a silence in which frames of a visible person would have come.
+# Silence before a sender's port is probed; longer than the frame interval with a person in view.
 _ASKED_AFTER_S = 3.0
 
 
@@ -34,7 +34,7 @@ class Senders:
             send. Empty: any.
 
     Raises:
-        SourceError: If one is no address.
+        SourceError: If one is not an address.
     """
 
     def __init__(self, allowed: Sequence[str] = ()) -> None:
@@ -46,11 +46,11 @@ class Senders:
         """Reason to refuse a datagram.
 
         Args:
-            sender: Address and port that it came from.
+            sender: Address and port of the sender.
             now_s: The time, seconds.
 
         Returns:
-            A sentence; empty if it is read.
+            A sentence; empty for an accepted datagram.
         """
         host, port = sender
         first = self._first
@@ -61,11 +61,11 @@ class Senders:
         if first is None or now_s - self._heard_s > _SILENCE_S:
             return ""
         return (
-            f"lines of {host}:{port} are not read: {first[0]}:{first[1]} was first, and keeps its place until its port "
-            f"is closed or it is silent for {_SILENCE_S / 60:.0f} minutes; give a second tracker a port of its own"
+            f"lines of {host}:{port} are not read: {first[0]}:{first[1]} was first, and is read until its port "
+            f"is closed or it is silent for {_SILENCE_S / 60:.0f} minutes; use a separate port for a second tracker"
         )
 
-    def heard(self, sender: Address, now_s: float) -> None:
+    def register(self, sender: Address, now_s: float) -> None:
         """Register a valid observation of a sender.
 
         Args:
@@ -74,7 +74,7 @@ class Senders:
         """
         self._first, self._heard_s = sender, now_s
 
-    def to_ask(self, now_s: float) -> Address | None:
+    def probe_due(self, now_s: float) -> Address | None:
         """The silent sender, if its port is due for a probe, once in three seconds.
 
         Args:
@@ -85,7 +85,7 @@ class Senders:
         self._asked_s = now_s
         return self._first
 
-    def closed(self, sender: Address) -> None:
+    def release(self, sender: Address) -> None:
         """Release the lock of a sender whose port is closed.
 
         Args:
@@ -104,15 +104,15 @@ def _network(word: str) -> ipaddress.IPv4Network | ipaddress.IPv6Network:
         ) from None
 
 
-# More than a second of a fast tracker; without polls the oldest are dropped.
+# Length of the queue, more than a second of a fast tracker; without polls the oldest are dropped.
 _WAITING_MAX = 1024
-# Texts of unreadable lines between two polls; the others are counted.
+# Number of stored texts of invalid lines between two polls; others are counted.
 _TEXTS_KEPT = 20
-# An observation with all its fields has a fifth of it. Parsing more would delay other threads.
+# Maximum length of a line, five times that of a complete observation; parsing more would delay other threads.
 LINE_MAX = 4096
 # Maximum number of lines parsed from one burst, the newest; more than the people of a frame.
 _LINES_MAX = 64
-# Number of lines after which the thread yields for as long as the parsing took.
+# Number of lines after which the thread yields for the duration of their parsing.
 _MANY_LINES = 16
 
 
@@ -120,10 +120,10 @@ class LineSource:
     """Reads lines in a separate thread and parses them as in `gazempc.live.sources.json_lines`.
 
     Args:
-        wire: Where the lines come from.
+        wire: Byte stream of the lines.
         clock: The loop's clock.
-        stamps: How capture times are read; default: Unix time in seconds.
-        senders: Whose datagrams count; default: the first sender's.
+        stamps: Reader of capture times; default: Unix time in seconds.
+        senders: Filter of datagrams; default: the first sender only.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class LineSource:
         self._arrived: deque[Sighting] = deque()
         self._cues: deque[Cue] = deque(maxlen=_WAITING_MAX)
         self._problems: list[str] = []
-        # First text and number of observations.
+        # By event: first text and number of observations.
         self._notices: dict[Event, tuple[str, int]] = {}
 
     def open(self) -> None:
@@ -170,7 +170,7 @@ class LineSource:
             problems, cues = tuple(self._problems), tuple(self._cues)
             self._problems = []
             self._cues.clear()
-        # Datagrams may be swapped on their way.
+        # Datagrams may arrive out of order.
         in_order = sorted(sightings, key=lambda each: each.observation.capture_time_s)
         return Arrived(tuple(in_order), problems, tuple(Notice(event, *each) for event, each in notices.items()), cues)
 
@@ -206,16 +206,16 @@ class LineSource:
         lines: list[tuple[bytes, Address | None]] = []
         for data, sender in chunks:
             if sender is not None and not data:
-                self._senders.closed(sender)
+                self._senders.release(sender)
             elif not self._refused(sender, now_s):
                 lines += [(line, sender) for line in self._cut(data)]
         if (older := len(lines) - _LINES_MAX) > 0:
-            self._note(Event.OBSERVATIONS_DROPPED, "more lines came at once than can be read", older)
+            self._note(Event.OBSERVATIONS_DROPPED, "more lines arrived at once than can be parsed", older)
             self._lines += older
         started_s = time.perf_counter()
         for line, sender in lines[-_LINES_MAX:]:
             self._lines += 1
-            # Again: the first sender may have been another one of these.
+            # Checked again: the first sender may be among these chunks.
             if not self._refused(sender, now_s):
                 self._parse(line, sender, now_s)
         if len(lines) > _MANY_LINES:
@@ -225,8 +225,8 @@ class LineSource:
         why = "" if sender is None else self._senders.refusal(sender, now_s)
         if why:
             self._note(Event.SENDER_REFUSED, why)
-            if isinstance(self._wire, UdpPort) and (silent := self._senders.to_ask(now_s)):
-                self._wire.ask(silent)
+            if isinstance(self._wire, UdpPort) and (silent := self._senders.probe_due(now_s)):
+                self._wire.probe(silent)
         return bool(why)
 
     def _cut(self, data: bytes) -> list[bytes]:
@@ -255,7 +255,7 @@ class LineSource:
         except LineError as error:
             return self._problem(str(error))
         if sender is not None:
-            self._senders.heard(sender, arrival_s)
+            self._senders.register(sender, arrival_s)
         with self._lock:
             if cue is not None:
                 self._cues.append(cue)
@@ -265,7 +265,7 @@ class LineSource:
             if full:
                 self._arrived.popleft()
         if full:
-            self._note(Event.OBSERVATIONS_DROPPED, "more observations are waiting than can be taken in")
+            self._note(Event.OBSERVATIONS_DROPPED, "the queue of observations is full")
         return None
 
     def _observation(self, text: str, arrival_s: float) -> HeadObservation:

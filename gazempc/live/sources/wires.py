@@ -20,18 +20,18 @@ _CHUNK = 16_384
 _DATAGRAM = 65_536
 # Datagrams received at once: empties the system's buffer, so that the newest are included.
 _DATAGRAMS = 256
-# Socket option of <linux/in.h>: answers by ICMP are read from the socket's queue of errors.
+# Socket option of <linux/in.h>: ICMP errors are queued for the socket.
 _IP_RECVERR, _REPORTS_CLOSED = 11, hasattr(socket, "MSG_ERRQUEUE")
-# How soon a reader notices that it is to end, or tries to connect again.
+# Period of a reader's check for its end, and of connection attempts.
 _WAKE_S = 0.2
 
 
 class Chunk(NamedTuple):
-    """Bytes that came together.
+    """Bytes received at once.
 
     Attributes:
         data: The bytes; empty for a datagram sender with a closed port.
-        sender: Who sent them; None if there is only one who can.
+        sender: Address and port of the sender; None for a connection.
     """
 
     data: bytes
@@ -51,14 +51,14 @@ class Wire(Protocol):
         """Open it; raises OSError."""
 
     def read(self) -> list[Chunk] | None:
-        """Wait a moment for bytes: some, none (empty), or None once it has ended."""
+        """Wait briefly for bytes; empty after a timeout, None after the end."""
 
     def close(self) -> None:
         """Close it."""
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this computer reaches an address, which may be a name or abbreviated (127.1)."""
+    """Whether an address, name or abbreviation (127.1) is reachable from this computer only."""
     return ipaddress.ip_address(socket.gethostbyname(host)).is_loopback
 
 
@@ -87,7 +87,7 @@ class UdpPort:
     """Datagrams, each with one or more whole lines.
 
     Args:
-        host: Address to listen at.
+        host: Local address.
         port: Port.
     """
 
@@ -116,7 +116,7 @@ class UdpPort:
         """See `Wire.read`."""
         found: list[Chunk] = []
         select.select([self._socket], [], [], _WAKE_S)
-        # Unanswered questions raise here, too; the port itself is open for as long as it is not closed.
+        # Errors of unanswered probes are also raised here; the port itself remains open until closed.
         with contextlib.suppress(OSError):
             while _REPORTS_CLOSED:
                 _, reports, _, asked = self._socket.recvmsg(1, 512, socket.MSG_ERRQUEUE)
@@ -128,8 +128,8 @@ class UdpPort:
                 found.append(Chunk(data + b"\n", sender))
         return found
 
-    def ask(self, sender: Address) -> None:
-        """Send an empty line to a sender. If its port is closed, its system answers by ICMP: Linux hands that on.
+    def probe(self, sender: Address) -> None:
+        """Probe a sender by an empty line: for a closed port its system replies by ICMP, which Linux reports.
 
         Args:
             sender: Address and port.
@@ -143,7 +143,7 @@ class UdpPort:
 
 
 class TcpClient:
-    """A connection to a server of lines, opened again whenever it breaks.
+    """A connection to a server of lines, with reconnection.
 
     Args:
         host: Address to connect to.
@@ -161,7 +161,7 @@ class TcpClient:
         self._socket.settimeout(_WAKE_S)
 
     def read(self) -> list[Chunk] | None:
-        """See `Wire.read`; after the server has gone, tries again until it is back."""
+        """See `Wire.read`; reconnects after a loss of the server."""
         if self._socket is None:
             threading.Event().wait(_WAKE_S)
             with contextlib.suppress(OSError):
@@ -175,7 +175,7 @@ class TcpClient:
             data = b""
         if not data:
             self.close()
-            # Half a line from before belongs to nothing.
+            # Terminates an incomplete line of the lost connection.
             return [Chunk(b"\n")]
         return [Chunk(data)]
 
@@ -191,8 +191,8 @@ def parse_address(word: str, text: str, default_host: str) -> tuple[str, int]:
 
     Args:
         word: The whole word, for the message.
-        text: What stands after the kind of source.
-        default_host: Host where none is given.
+        text: The part after the kind of source.
+        default_host: Default host.
 
     Returns:
         Host and port.

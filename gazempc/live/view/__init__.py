@@ -1,1 +1,1 @@
-"""What viewers get of a run while it runs, and files for them afterwards. May import gazempc.live."""
+"""Viewers of a live run, and MCAP files for them. May import gazempc.live."""

@@ -1,4 +1,4 @@
-"""What needs the extra `view`: MCAP files, the channels served to Foxglove, and the layout of its panels."""
+"""Functions of the extra `view`: MCAP files, the server of channels for Foxglove, and the layout of its panels."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from gazempc.results.moments import CutMoment, Moment, TickMoment
 
 
 class FoxgloveServer:
-    """The server, in threads of the SDK. A client that is slow misses the oldest messages.
+    """The server, in threads of the SDK. A slow client misses the oldest messages.
 
     Args:
-        run: What the run is.
+        run: Description of the run.
         host: Address.
-        port: Port; 0 for any that is free.
+        port: Port; 0 for any free one.
 
     Attributes:
         url: Address for Foxglove.
@@ -61,10 +61,10 @@ class FoxgloveServer:
         self._channels = Channels(run, self._context)
 
     def take(self, moment: Moment) -> None:
-        """Send what happened.
+        """Send a moment.
 
         Args:
-            moment: What.
+            moment: The moment.
         """
         self._channels.write(moment)
 
@@ -77,12 +77,12 @@ _SHOWN_S = 30.0
 
 
 def write_layout(path: Path, neck: NeckSpec, camera: bool) -> None:
-    """Write the layout file; Foxglove takes it by *Import from file*.
+    """Write the layout file for *Import from file* of Foxglove.
 
     Args:
         path: File to write.
         neck: The neck, whose joints are plotted.
-        camera: Whether there are pictures of a camera.
+        camera: Whether the run has pictures of a camera.
     """
     scene = ThreeDeePanel(
         title="Person, forecast and gaze",
@@ -127,16 +127,16 @@ def _plot(title: str, paths: dict[str, str]) -> PlotPanel:
     return PlotPanel(title=title, config=PlotConfig(paths=series, following_view_width=_SHOWN_S))
 
 
-# So much a run that is killed may lose.
+# Maximum loss of data if the run is killed.
 _FLUSH_EVERY_S = 2.0
 
 
 class McapFiles:
-    """Writes one file after the other. A file is complete once its log is kept: then the log is attached.
+    """Writes a sequence of files. A file is complete when its log is stored and attached.
 
     Args:
-        run: What the run is.
-        folder: Where they go: ``log_000.mcap`` and so on.
+        run: Description of the run.
+        folder: Folder of the files ``log_000.mcap`` and so on.
 
     Raises:
         SettingsError: If the first file cannot be written.
@@ -152,10 +152,10 @@ class McapFiles:
         self._open: tuple[McapWriter, Channels] | None = self._next()
 
     def take(self, moment: Moment | LogKept) -> None:
-        """Write what happened.
+        """Write a moment.
 
         Args:
-            moment: What.
+            moment: The moment.
 
         Raises:
             SettingsError: If a file cannot be written.
@@ -176,7 +176,7 @@ class McapFiles:
             self._open = None
 
     def close(self) -> None:
-        """Close what is open. Without its log a file has all channels; one of a run that never began is removed."""
+        """Close the open file. Without its log a file has all channels; one without a tick is removed."""
         if self._open is not None:
             self._complete.append(self._open[0])
         while self._complete:

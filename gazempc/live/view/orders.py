@@ -1,4 +1,4 @@
-"""Orders to the process for viewers."""
+"""Tasks of the process for viewers."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from typing import Literal, NamedTuple
 from gazempc.results.log import RunInfo
 
 ViewKind = Literal["foxglove", "web"]
-# The port that Foxglove offers, and one for pages that needs no rights.
+# Default port of Foxglove, and an unprivileged one for pages.
 PORTS: dict[ViewKind, int] = {"foxglove": 8765, "web": 8080}
 LOOPBACK = ("127.0.0.1", "localhost")
 
 
 def named(host: str) -> str:
-    """How others call this computer, where something is served at all its addresses; else the address itself."""
+    """Host name of this computer for a server at all its addresses; else the address itself."""
     return socket.gethostname() if host == "0.0.0.0" else host
 
 
 @dataclass(frozen=True)
 class ViewOrders:
-    """What the process for viewers does.
+    """Tasks of the process for viewers.
 
     Attributes:
-        run: What the run is.
-        mcap_folder: Where MCAP files go; None for none.
-        view: What is served; None for nothing.
-        host: Address that it is served at.
-        port: Its port; 0 for any that is free.
-        layout: Where the layout file for Foxglove goes.
-        pictures: Whether a camera's pictures are among the moments.
+        run: Description of the run.
+        mcap_folder: Folder of MCAP files; None for none.
+        view: Kind of viewer; None for none.
+        host: Address of the server.
+        port: Its port; 0 for any free one.
+        layout: Path of the layout file for Foxglove.
+        pictures: Whether the moments include pictures of a camera.
     """
 
     run: RunInfo
@@ -44,11 +44,11 @@ class ViewOrders:
 
 
 class LogKept(NamedTuple):
-    """A log is complete, and on disk.
+    """A complete log on disk.
 
     Attributes:
         path: The ``.npz`` file; the MCAP file beside it has its name.
-        lost: How many moments of it did not reach the process for viewers.
+        lost: Number of its moments lost before the process for viewers.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""The process for viewers: it takes the moments of a run, writes MCAP files of them, and serves them."""
+"""The process for viewers: receives the moments of a run, writes MCAP files, and serves viewers."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class _Taker(Protocol):
 
 
 def serve(parent: Connection, orders: ViewOrders) -> None:
-    """Work until the run is over, or its process is gone.
+    """Work until the end of the run, or of its process.
 
     Args:
-        orders: What to do.
-        parent: Gives lists of moments, an empty one at the end. It gets a tuple of lines for the user when all is
-            ready, and a text for each problem.
+        orders: Tasks of the process.
+        parent: Sends lists of moments, an empty one at the end. Receives a tuple of lines for the user when ready, and
+            a text for each problem.
     """
     lines: list[str] = []
     try:
@@ -47,7 +47,7 @@ def serve(parent: Connection, orders: ViewOrders) -> None:
 
 
 def _takers(orders: ViewOrders, lines: list[str]) -> list[_Taker]:
-    """What takes the moments; lines for the user are appended."""
+    """Receivers of the moments; lines for the user are appended."""
     takers: list[_Taker] = []
     if orders.mcap_folder is not None or orders.view == "foxglove":
         try:
@@ -67,7 +67,7 @@ def _takers(orders: ViewOrders, lines: list[str]) -> list[_Taker]:
                 write_layout(orders.layout, orders.run.neck, orders.pictures)
             lines.append(f"view: open {server.url} in Foxglove, with the layout {orders.layout}")
     if orders.view == "web":
-        from gazempc.live.view.web import WebPage  # noqa: PLC0415  (only where it is wanted)
+        from gazempc.live.view.web import WebPage  # noqa: PLC0415  (optional)
 
         page = WebPage(orders.run, orders.host, orders.port)
         takers.append(page)
@@ -78,7 +78,7 @@ def _takers(orders: ViewOrders, lines: list[str]) -> list[_Taker]:
 
 
 def _survived(do: Callable[[], object], parent: Connection) -> bool:
-    """Whether it succeeded; else the run gets the problem, and goes on."""
+    """Whether the call succeeded; else the problem is sent to the run, which continues."""
     try:
         do()
     except Exception as error:

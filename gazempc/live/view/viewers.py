@@ -1,4 +1,4 @@
-"""Viewers of a live run: a process of their own, to which a thread passes the moments of the run."""
+"""Viewers of a live run: a separate process, to which a thread sends the moments of the run."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from gazempc.live.view.serving import serve
 from gazempc.results.moments import CutMoment, Moment, StatusMoment, TickMoment
 from gazempc.types import FloatArray
 
-# It imports what it needs, which takes a while on a busy computer.
+# Timeout of its start: imports are slow on a busy computer.
 _READY_WITHIN_S = 60.0
 _ENDS_WITHIN_S = 20.0
 LAYOUT = "foxglove_layout.json"
-# Some ten seconds of a run at 200 Hz; beyond them the oldest moments are dropped.
+# Length of the queue, some ten seconds at 200 Hz; beyond it the oldest moments are dropped.
 _MOST = 8192
-# A viewer sees this as at once.
+# Period of sending, not perceptible in a viewer.
 _PERIOD_S = 0.04
 # Without ticks, as before the first one.
 _IDLE_S = 0.2
-# Pickling holds the interpreter: so few moments at once take less than a tick can wait.
-_AT_ONCE = 8
+# Maximum number of moments sent at once: pickling holds the interpreter lock, and must be short relative to a tick.
+_BATCH = 8
 
 
 class Feed:
     """Queues moments in the thread of the run; a separate thread sends them to the process for viewers.
 
     Args:
-        orders: What the process does.
-        true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; None if not known.
-        waits: Let the run wait for the process, and drop nothing: for a simulated clock.
+        orders: Tasks of the process.
+        true_head_base_m: True head positions, shape (H, 3), metres, at times, shape (H,), seconds; None if unknown.
+        waits: Let the run wait for the process instead of dropping moments: for a simulated clock.
 
     Attributes:
         notes: Lines for the user.
-        files: Names of the files that are written beside MCAP files.
-        lost: How many moments did not reach the process.
+        files: Names of the files written beside MCAP files.
+        lost: Number of moments lost before the process.
         process: The process.
 
     Raises:
-        SettingsError: If an order cannot be carried out.
+        SettingsError: If a task is impossible.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Feed:
         self._waiting: deque[Moment | LogKept] = deque()
         self.lost, self._problem = 0, ""
         self._stop, self._due, self._due_s = False, threading.Event(), -math.inf
-        # Held while sending: a run on a simulated clock sends, too.
+        # Held while sending, as a run on a simulated clock also sends.
         self._sending = threading.Lock()
         self.process, self._pipe = start_child("view", serve, orders)
         answer: object = "the process for viewers did not start"
@@ -81,16 +81,16 @@ class Feed:
         self._thread.start()
 
     def take(self, moment: Moment) -> None:
-        """Take a moment; for the thread of the run, and returns at once.
+        """Queue a moment, in the thread of the run; returns at once.
 
         Args:
-            moment: What happened.
+            moment: The moment.
         """
         if isinstance(moment, StatusMoment):
             return
         self._waiting.append(moment)
         if isinstance(moment, TickMoment) and moment.time_s >= self._due_s:
-            # Right after a tick: by the next one it has been sent, and does not hold the interpreter then.
+            # Sent right after a tick: sending releases the interpreter lock before the next one.
             self._due_s = moment.time_s + _PERIOD_S
             self._due.set()
         if len(self._waiting) > _MOST:
@@ -109,20 +109,20 @@ class Feed:
 
     @property
     def problems(self) -> list[str]:
-        """Faults of the viewers, one line each; for after the run."""
+        """Faults of the viewers, one line each; call after the run."""
         lost = f"{self.lost} moments did not reach viewers and MCAP files, as these were too slow" if self.lost else ""
         return [line for line in (lost, self._problem) if line]
 
     def close(self) -> None:
-        """Send what is left, wait until the process has finished its files, and end it."""
+        """Send the remaining moments, wait until the files are complete, and end the process."""
         self._stop = True
         self._due.set()
         self._thread.join(_ENDS_WITHIN_S)
         if not self._thread.is_alive():
             self._send()
-            self._pass_on([])
+            self._transmit([])
         self.process.join(_ENDS_WITHIN_S)
-        self._hear()
+        self._receive()
         if self.process.is_alive():
             self._problem = self._problem or "the process for viewers did not end: its files may not be complete"
             self.process.kill()
@@ -131,7 +131,7 @@ class Feed:
     def _drop(self) -> None:
         # Drop the oldest moments, but keep ends and paths of logs.
         kept: list[Moment | LogKept] = []
-        with suppress(IndexError):  # all has been sent meanwhile
+        with suppress(IndexError):  # all were sent meanwhile
             while isinstance(oldest := self._waiting.popleft(), (CutMoment, LogKept)):
                 kept.append(oldest)
             self.lost += 1
@@ -145,23 +145,23 @@ class Feed:
 
     def _send(self) -> None:
         with self._sending:
-            for _ in range(len(self._waiting) // _AT_ONCE + 1):
+            for _ in range(len(self._waiting) // _BATCH + 1):
                 moments: list[Moment | LogKept] = []
                 with suppress(IndexError):
-                    while len(moments) < _AT_ONCE:
+                    while len(moments) < _BATCH:
                         moments.append(self._waiting.popleft())
                 if moments:
-                    self._pass_on(self._with_true_heads(moments))
+                    self._transmit(self._with_true_heads(moments))
 
-    def _pass_on(self, moments: list[object]) -> None:
-        """Send moments; an empty list ends the process. If it has gone they are dropped, which is a problem."""
+    def _transmit(self, moments: list[object]) -> None:
+        """Send moments; an empty list ends the process. Without a process they are dropped, with a note."""
         try:
             self._pipe.send(moments)
         except OSError:
-            self._hear()
-            self._problem = self._problem or "the process for viewers has gone"
+            self._receive()
+            self._problem = self._problem or "the process for viewers has ended"
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         with suppress(EOFError, OSError):
             while self._pipe.poll():
                 problem = self._pipe.recv()
@@ -186,7 +186,7 @@ def start_viewers(settings: LiveSettings, setup: LiveSetup) -> Feed | None:
         setup: The parts of the run; the source is not open yet.
 
     Returns:
-        The feed of moments; None if no viewer and no MCAP file is wanted.
+        The feed of moments; None without viewer and MCAP files.
 
     Raises:
         SettingsError: If a package is missing, a file cannot be written, or the address cannot be used.

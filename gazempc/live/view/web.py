@@ -1,4 +1,4 @@
-"""The page of a run: its state from the moments of the run, as server-sent events. Needs nothing but Python."""
+"""The web page of a run: its state from the moments of the run, as server-sent events. Standard library only."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ from gazempc.results.moments import (
 )
 from gazempc.types import FloatArray, JointState
 
-# People see no faster changes; a phone draws them.
+# Update rate that a phone can draw.
 PERIOD_S = 0.05
 _HISTORY_S = 30.0
 _EVENTS = 20
 # Ellipses of two standard deviations, as in the scene of Foxglove.
 _SDS = 2.0
-# An observation older than this no longer gives the person's position.
+# Maximum age of an observation used as the person's position.
 _LOST_S = 1.0
 
 
 class Snapshots:
-    """Keeps the newest state. One thread writes; any other may read what `state` gave.
+    """Keeps the newest state. One thread writes; any thread may read results of `state`.
 
     Args:
-        run: What the run is.
+        run: Description of the run.
     """
 
     def __init__(self, run: RunInfo) -> None:
@@ -71,13 +71,13 @@ class Snapshots:
         self._latency_ms, self._late_ms, self._skipped = math.nan, 0.0, 0
 
     def take(self, moment: Moment) -> bool:
-        """Take what happened.
+        """Process a moment.
 
         Args:
-            moment: What.
+            moment: The moment.
 
         Returns:
-            Whether it is time to show it: 20 times a second of the run.
+            Whether an update is due: 20 times a second of the run.
         """
         match moment:
             case JointsMoment():
@@ -105,10 +105,10 @@ class Snapshots:
         return False
 
     def state(self) -> dict[str, Any]:
-        """The state at the newest tick; notes it in the history.
+        """The state at the newest tick; also appended to the history.
 
         Returns:
-            Values for JSON; angles in degrees, positions in metres, None for what is not known.
+            Values for JSON; angles in degrees, positions in metres, None if unknown.
         """
         tick, seen = self._tick, self._seen
         if tick is None or tick.joints is None:
@@ -161,7 +161,7 @@ def _number(value: float) -> float | None:
 
 
 def _in_view_deg(eye_m: FloatArray, gaze: FloatArray, target_m: FloatArray) -> list[float]:
-    """Where a place is in the field of view: how far from the gaze to the left and up, degrees."""
+    """Angular offset of a position from the gaze, to the left and up, degrees."""
     to_target = target_m - eye_m
     left = np.array([-gaze[1], gaze[0], 0.0])
     left /= max(float(np.linalg.norm(left)), 1e-9)
@@ -173,7 +173,7 @@ def _in_view_deg(eye_m: FloatArray, gaze: FloatArray, target_m: FloatArray) -> l
 
 
 def _ellipse(covariance_m2: FloatArray) -> list[float] | None:
-    """From above: half axes in metres and the direction of the first one in radians; None if it is not finite."""
+    """Horizontal ellipse: half axes in metres and direction of the first one in radians; None if not finite."""
     level = covariance_m2[:2, :2]
     if not np.isfinite(level).all():
         return None
@@ -188,22 +188,22 @@ _STATIC = {
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
     "/charts.js": ("charts.js", "text/javascript; charset=utf-8"),
 }
-# Nothing from another host, and no frames of other pages. Its icon is empty.
+# No content from other hosts, and no embedding in other pages. The icon is empty.
 _POLICY = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 
 
 class WebPage:
-    """The page and its server, in threads of their own.
+    """The page and its server, in separate threads.
 
     Args:
-        run: What the run is.
+        run: Description of the run.
         host: Address.
-        port: Port; 0 for any that is free.
+        port: Port; 0 for any free one.
 
     Attributes:
-        url: Where the page is.
-        host: Address at which it is served, as it was given.
-        on_loopback: Whether only this computer reaches that address.
+        url: Address of the page.
+        host: Address of the server, as given.
+        on_loopback: Whether the address is reachable from this computer only.
         state: The newest state, JSON; empty before the first one.
         over: Whether the run has ended.
 
@@ -225,16 +225,16 @@ class WebPage:
         threading.Thread(target=self._server.serve_forever, args=(0.1,), name="page", daemon=True).start()
 
     def take(self, moment: Moment) -> None:
-        """Show what happened.
+        """Show a moment.
 
         Args:
-            moment: What.
+            moment: The moment.
         """
         if self._snapshots.take(moment):
             self.state = json.dumps(self._snapshots.state())
 
     def hello(self) -> str:
-        """What a page that has just opened needs: what the run is, and its last half minute."""
+        """Initial message of a new page: description of the run, and its last half minute."""
         return json.dumps({"about": self._snapshots.about, "history": list(self._snapshots.history)})
 
     @property
@@ -243,9 +243,9 @@ class WebPage:
         return self._snapshots.picture
 
     def close(self) -> None:
-        """Tell pages that the run is over, and stop."""
+        """Notify pages of the end of the run, and stop."""
         self.over = True
-        time.sleep(2 * PERIOD_S)  # until all pages have heard of it
+        time.sleep(2 * PERIOD_S)  # until all pages are notified
         self._server.shutdown()
         self._server.server_close()
 
@@ -260,8 +260,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         page, path = self._page, self.path.partition("?")[0]
-        if not self._asked_rightly():
-            self.send_error(HTTPStatus.FORBIDDEN, "ask by the address that the run prints")
+        if not self._host_is_accepted():
+            self.send_error(HTTPStatus.FORBIDDEN, "use the address printed by the run")
         elif path == "/state":
             self._stream(page)
         elif path == "/picture.jpg" and page.picture:
@@ -272,8 +272,8 @@ class _Handler(BaseHTTPRequestHandler):
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
 
-    def _asked_rightly(self) -> bool:
-        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read what is served here.
+    def _host_is_accepted(self) -> bool:
+        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read this server's data.
         host = self.headers.get("Host", "").partition(":")[0]
         return not self._page.on_loopback or host in {*LOOPBACK, self._page.host}
 
@@ -289,7 +289,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Connection", "close")
         self.end_headers()
         try:
-            # After a connection is lost, a page asks again in half a second.
+            # A page reconnects half a second after a loss.
             self._event("hello", page.hello(), "retry: 500\n")
             shown = ""
             while not page.over:

@@ -1,4 +1,4 @@
-"""Pan and tilt over time: true and observed head, command and joint; or the gaze, and head and body beside it."""
+"""Pan and tilt over time: true and observed head, command and joint; or directions of gaze, head and body."""
 
 from __future__ import annotations
 
@@ -24,9 +24,8 @@ _LIMIT: dict[str, Any] = {"color": "k", "lw": 1.2, "ls": ":"}
 def angles(logs: Logs, path: Path) -> None:
     """Draw pan and tilt over time: true and observed head, command and joint, one column for each controller.
 
-    The observed heads stand at their capture times. Nothing is drawn for the true head where it is unknown. Of a neck
-    with eyes or a body, in place of command and joint, it is the gaze that all joints make together, and beside it
-    where the head and the body point.
+    Observed heads are drawn at their capture times, the true head where it is known. For a neck with eyes or a body,
+    the directions of gaze, head and body replace command and joint.
 
     Args:
         logs: The runs.
@@ -44,7 +43,7 @@ def angles(logs: Logs, path: Path) -> None:
         end_s = max(float(log.time_s[-1] - log.time_s[0]) for log in logs.values())
         axes[0, 0].set(ylabel="pan, left + (deg)", xlim=(0.0, end_s))
         axes[1, 0].set_ylabel("tilt, up + (deg)")
-        # Kinds of line in a neutral colour, because the colour is the controller's; only those that are drawn.
+        # Legend of the line styles in use, in a neutral colour: colour denotes the controller.
         for label, look in drawn.items():
             axes[0, 0].plot([], [], **look, label=label)
         handles, columns = axes[0, 0].get_legend_handles_labels(), 5 if len(logs) > 2 else 3
@@ -107,7 +106,7 @@ def _of_joints(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
 
 
 def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
-    """The same of a neck with eyes or a body: directions of gaze, head and body."""
+    """Curves of a neck with eyes or a body: directions of gaze, head and body."""
     _, gaze = gaze_ray(log.neck.geometry, log.joint_position_rad)
     curves: dict[str, tuple[FloatArray, dict[str, Any]]] = {}
     for part in parts(log):
@@ -119,7 +118,7 @@ def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
 
 
 def _toward(log: Log, head_base_m: FloatArray, ticks: IntArray) -> FloatArray:
-    """Where heads are at these ticks, pan and tilt, shape (K, 2), radians: of the joints, or with more of the gaze."""
+    """Pan and tilt towards heads, shape (K, 2), radians: joint angles, or for a redundant neck the gaze direction."""
     if log.neck.joints == len(AXES):
         return _continuous(log, look_at_rad(log.neck.geometry, head_base_m))
     joints_rad = np.where(np.isfinite(log.joint_position_rad), log.joint_position_rad, log.command_position_rad)

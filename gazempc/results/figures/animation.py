@@ -1,4 +1,4 @@
-"""View of the robot's eye, for each controller side by side, in real time."""
+"""The robot's view with each controller, side by side, in real time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NO_CONTACT_COLOUR = "0.6"
 
 
 def head_offset_deg(log: Log) -> FloatArray:
-    """Where the head appears to the robot's eye.
+    """Angular position of the head in the robot's view.
 
     Args:
         log: The run.
@@ -51,13 +51,13 @@ def head_offset_deg(log: Log) -> FloatArray:
         [np.sum(to_head * right, axis=-1), np.sum(to_head * np.cross(right, direction), axis=-1)], axis=-1
     )
     length = np.linalg.norm(across, axis=-1, keepdims=True)
-    # Length from the error angle itself, not from its tangents: a head beside or behind the gaze is shown there too.
+    # Length from the error angle, not its tangents: also valid for a head beside or behind the gaze.
     offset: FloatArray = gaze_error_deg(log)[:, None] * across / np.maximum(length, 1e-12)
     return offset
 
 
 def frame_times(length_s: float) -> FloatArray:
-    """Times that are shown: every `FRAME_MS`, and the end.
+    """Times of the frames: every `FRAME_MS`, and the end.
 
     Args:
         length_s: Length of the recording, seconds.
@@ -71,7 +71,7 @@ def frame_times(length_s: float) -> FloatArray:
 
 
 class _Panel:
-    """One controller's view. Artists are made once and moved, which is much faster than drawing anew."""
+    """One controller's view. Its artists are reused, which is much faster."""
 
     def __init__(self, figure: Figure, left_px: float, look: Style, log: Log) -> None:
         width_px, height_px = figure.get_size_inches() * _DPI
@@ -107,12 +107,12 @@ class _Panel:
         self._text = ax.text(0.5, -0.05, "", transform=ax.transAxes, ha="center", va="top", fontsize=9)
 
     def show(self, at_s: float) -> None:
-        """Move everything to a time, seconds from the start."""
+        """Update the artists to a time, seconds from the start."""
         tick = min(int(np.searchsorted(self._time_s, at_s - 1e-6)), len(self._time_s) - 1)
         x, y = self._offset_deg[tick]
         size = 2.0 * np.rad2deg(np.arctan(np.array([_HEAD_WIDTH_M, _HEAD_HEIGHT_M]) / 2 / self._distance_m[tick]))
         self._place.clear().scale(*size).translate(x, y)
-        # A head out of view is pointed at from the edge.
+        # An arrow at the edge points to a head out of view.
         beyond = max(abs(x), abs(y)) / _FIELD_DEG
         ends = np.array([0.86, 0.97]) / beyond if beyond > 1.0 else np.array([])
         self._pointer.set_data(x * ends, y * ends)
@@ -129,7 +129,7 @@ class _Panel:
 
 
 def animate(logs: Logs, path: Path) -> None:
-    """Write an animation of what the robot's eye sees with each controller.
+    """Write an animation of the robot's view with each controller.
 
     Args:
         logs: The runs: controller name -> log of the same recording.
@@ -147,7 +147,7 @@ def animate(logs: Logs, path: Path) -> None:
     clock = figure.text(1 - edge, 0.975, "", va="top", ha="right", fontsize=9.5)
     view = f"The robot's view, ±{_FIELD_DEG:g}°. Circle: eye contact, ±{CONTACT_DEG[0]:g}°."
     if any(shown_head(log).rare for log in logs.values()):
-        view = f"View ±{_FIELD_DEG:g}°, circle ±{CONTACT_DEG[0]:g}°. Between the rare frames the head is on a line."
+        view = f"View ±{_FIELD_DEG:g}°, circle ±{CONTACT_DEG[0]:g}°. Between sparse frames the head is interpolated."
     figure.text(0.5, 0.015, view, ha="center", va="bottom", fontsize=8.5, color="0.35")
 
     def picture() -> Image.Image:
@@ -157,7 +157,7 @@ def animate(logs: Logs, path: Path) -> None:
 
     times_s = frame_times(max(float(log.time_s[-1] - log.time_s[0]) for log in logs.values()))
 
-    # One palette for all frames, of a picture with all colours: palettes of their own would flicker and cost bytes.
+    # One palette for all frames, from a picture with all colours: separate palettes flicker and enlarge the file.
     for k, panel in enumerate(panels):
         panel.show(float(times_s[-1]))
         panel.frame(k % 2 == 0)

@@ -1,4 +1,4 @@
-"""The walk from above, and where each gaze was at some instants."""
+"""The walk from above, with gaze rays at some instants."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ _BAND: dict[str, Any] = {"lw": 8.0, "solid_capstyle": "round", "zorder": 2}
 
 
 def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
-    """Draw the walk from above, the robot, and where each controller's gaze was at some instants.
+    """Draw the walk from above, the robot, and each controller's gaze rays at some instants.
 
-    A gaze ray ends as far from the eye as the head is; a dotted line joins its end to the head at that time.
-    The robot looks up the page and its left is on the left. Of a neck with eyes or a body, shorter lines show where
-    head and body pointed.
+    A gaze ray has the length of the distance from eye to head; a dotted line joins its end to the head at that time.
+    The robot looks up the page and its left is on the left. For a neck with eyes or a body, shorter lines show the
+    directions of head and body.
 
     Args:
         ax: Axes to draw on.
@@ -58,7 +58,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
         return ()
     marks_s = np.arange(0.0, end_s + 1e-6)
     at = np.searchsorted(time_s, marks_s - 1e-6)
-    # Rings, because the tip of a good gaze lies on the head and would hide a dot.
+    # Rings, as the end of an accurate gaze ray covers a dot at the head.
     ax.plot(head[at, 1], head[at, 0], "o", mfc="w", mec="0.25", mew=1.5, ms=11, ls="", zorder=5)
 
     rays_s = marks_s[marks_s >= SCORED_FROM_S] if end_s >= SCORED_FROM_S else np.array([end_s])
@@ -90,7 +90,7 @@ def draw_birds_eye(ax: Axes, logs: Logs) -> tuple[Part, ...]:
 
 
 def _draw_attended(ax: Axes, log: Log) -> FloatArray:
-    """Draw a band along each person's path while they were looked at.
+    """Draw a band along each person's path while attended.
 
     Returns:
         The head with a gap at each change of the attended person, shape (M, 3), metres.
@@ -112,7 +112,7 @@ def _finish_plan(ax: Axes) -> None:
     ax.add_patch(FancyArrowPatch((0, 0), (0, 0.55), arrowstyle="-|>", mutation_scale=16, lw=2.5, fc="k", zorder=7))
     ax.plot(0, 0, "o", color="k", ms=11, zorder=7)
     ax.annotate("robot", (0, 0), (12, -3), textcoords="offset points", va="center")
-    # Room for labels beside the path. Margins would not do, because equal aspect may take them away again.
+    # Room for labels beside the path. Not by margins, which equal aspect may remove.
     low, high = np.array(ax.dataLim.min), np.array(ax.dataLim.max)
     pad = _LABEL_GAP * float(np.max(high - low))
     ax.update_datalim([low - pad, high + pad])
@@ -126,7 +126,7 @@ def _finish_plan(ax: Axes) -> None:
 
 
 def _label_times(ax: Axes, head: FloatArray, at: NDArray[np.intp], marks_s: FloatArray) -> None:
-    """Name start, end and the seconds that have room, beside the path on the side away from the robot.
+    """Label start, end and the seconds that fit, beside the path on the side away from the robot.
 
     Args:
         ax: Axes to draw on.

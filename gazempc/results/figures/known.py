@@ -1,4 +1,4 @@
-"""The directions and heads that figures show: robot's head and body, and a person's head that is partly unknown."""
+"""Directions of the robot's head and body, and a partly unknown person's head, for figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gazempc.results.log import Log
 from gazempc.results.metrics import gaze_error_deg, scored_ticks
 from gazempc.types import BoolArray, FloatArray
 
-# Of what points elsewhere than the gaze; its colour is that of its controller.
+# Line styles of parts that deviate from the gaze; colour denotes the controller.
 HEAD_LINE: Any = (0, (6, 1.5, 1.5, 1.5))
 _BODY_LINE: Any = (0, (1.5, 1.5))
 
@@ -29,11 +29,11 @@ class Part:
     """A direction beside the gaze.
 
     Attributes:
-        label: Name for people.
-        direction: Where it points in the base frame at each tick, shape (M, 3), unit; NaN if unknown.
-        line: Line style, as matplotlib takes it.
+        label: Display name.
+        direction: Unit vector in the base frame at each tick, shape (M, 3); NaN if unknown.
+        line: Line style of matplotlib.
         line_name: Name of the line style.
-        level: Whether it turns about the vertical only.
+        level: Whether it rotates about the vertical only.
     """
 
     label: str
@@ -44,13 +44,13 @@ class Part:
 
 
 def parts(log: Log) -> tuple[Part, ...]:
-    """The parts that point elsewhere than the gaze.
+    """The parts that deviate from the gaze.
 
     Args:
         log: The run.
 
     Returns:
-        The head of a neck with eyes, and the body of one that turns; none of pan and tilt.
+        Head of a neck with eyes, and a turning body; empty for pan and tilt.
     """
     neck, joints = log.neck, log.joint_position_rad
     found = []
@@ -65,7 +65,7 @@ def parts(log: Log) -> tuple[Part, ...]:
 
 
 def head_alone(log: Log) -> Log | None:
-    """The run as if the eyes looked where the head points, for its gaze error; None for a neck without eyes."""
+    """The run with centred eyes, for the error of the head alone; None for a neck without eyes."""
     if log.neck.eyes is None:
         return None
     plain = log.neck.model_copy(update={"eyes": None, "body": None})
@@ -73,7 +73,7 @@ def head_alone(log: Log) -> Log | None:
     return replace(log, run=run, joint_position_rad=head_angles_rad(log.joint_position_rad))
 
 
-# So large is a point that stands alone, points.
+# Size of an isolated point, points.
 _POINT = 4.0
 
 
@@ -84,8 +84,8 @@ class ShownHead:
     Attributes:
         log: The run, with a head that is interpolated between rare frames, or, where the true one is unknown,
             between observations.
-        known: At which ticks the true head is known, shape (M,).
-        rare: Whether it is known at single ticks only, because the frames are far apart.
+        known: Ticks with a known true head, shape (M,).
+        rare: Whether the frame rate is so low that it is known at isolated ticks only.
         label: Name in a legend.
     """
 
@@ -102,14 +102,14 @@ def shown_head(log: Log) -> ShownHead:
         log: The run.
 
     Returns:
-        The head; NaN where it is neither known nor between two points that are.
+        The head; NaN where it is neither known nor interpolated.
     """
     known = np.asarray(np.isfinite(log.head_true_base_m).all(axis=1))
     if not known.any():
         heads_m = _joined(log.time_s, log.capture_time_s, log.head_observed_base_m)
         return ShownHead(replace(log, head_true_base_m=heads_m), known, False, "head as observed")
     label = "smoothed track" if truth_of(log.run.kind) else "true head"
-    # A single frame between two gaps does not make a walk of rare frames.
+    # A single frame between two gaps is not a low frame rate.
     rare = 2 * np.count_nonzero(_alone(known)) > np.count_nonzero(known)
     if not rare:
         return ShownHead(log, known, False, label)
@@ -118,7 +118,7 @@ def shown_head(log: Log) -> ShownHead:
 
 
 def draw_known(ax: Axes, x: FloatArray, y: FloatArray, head: ShownHead, **look: Any) -> None:
-    """Draw a curve that follows from the head; of rare frames points, and dots between them.
+    """Draw a curve computed from the head; for a low frame rate as points with dots between them.
 
     Args:
         ax: Axes to draw on.
@@ -160,7 +160,7 @@ def known_title(logs: Logs) -> str:
 
 
 def finish(figure: Figure, logs: Logs, path: Path) -> None:
-    """Title a figure by its runs, and write it.
+    """Add the runs' title to a figure, and write it.
 
     Args:
         figure: The figure.
@@ -182,5 +182,5 @@ def _joined(times_s: FloatArray, at_s: FloatArray, positions_m: FloatArray) -> F
     """Straight lines from point to point, shape (M, 3); NaN before the first and after the last one."""
     if not at_s.size:
         return np.full((times_s.size, 3), np.nan)
-    order = np.argsort(at_s)  # the first frames of a track may have come out of order
+    order = np.argsort(at_s)  # the first frames of a track may be out of order
     return np.stack([np.interp(times_s, at_s[order], axis, np.nan, np.nan) for axis in positions_m[order].T], axis=1)

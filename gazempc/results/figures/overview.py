@@ -28,7 +28,7 @@ def draw_gaze_error(ax: Axes, logs: Logs) -> bool:
         logs: The runs.
 
     Returns:
-        Whether the error of the robot's head alone is drawn, too, as of a neck with eyes.
+        Whether the error of the head alone is also drawn, as for a neck with eyes.
     """
     cone_deg = CONTACT_DEG[0]
     ax.axhspan(0.0, cone_deg, color=style.CONTACT_COLOUR, alpha=0.28, lw=0)
@@ -56,13 +56,13 @@ def draw_gaze_error(ax: Axes, logs: Logs) -> bool:
 
 
 _ATTENDED_WIDTH = 8.0
-# Letters that have room in the time line, and heights of the bars of a run: the attended person, and below it contact.
+# Number of letters that fit in the time line, and heights of a run's bars: attended person above, contact below.
 _ATTENDED_LETTERS = 75
 _WHO, _CONTACT = 0.5, 0.18
 
 
 def attended(logs: Logs, path: Path) -> None:
-    """Draw a time line a run.
+    """Draw one time line per run.
 
     Args:
         logs: The runs.
@@ -90,10 +90,10 @@ def attended(logs: Logs, path: Path) -> None:
 
 
 _OVERVIEW_WIDTH = 32 / 3
-# Beside a bar of a larger share its words have no room.
+# Above this share the label does not fit beside its bar.
 _LONG_BAR = 0.75
 _OF_ROBOT = "robot's"
-# Letters that have room in the time line of the attended person.
+# Number of letters that fit in the time line of the attended person.
 _LETTERS = 52
 _LONGEST_TITLE = 100
 
@@ -101,7 +101,7 @@ _LONGEST_TITLE = 100
 def draw_contact_bars(ax: Axes, logs: Logs) -> None:
     """Draw the share of the scored window with eye contact, a bar for each controller.
 
-    Of a neck with eyes a second bar has the share of the head alone.
+    For a neck with eyes, a second bar shows the share of the head alone.
 
     Args:
         ax: Axes to draw on.
@@ -110,7 +110,7 @@ def draw_contact_bars(ax: Axes, logs: Logs) -> None:
     looks = style.styles(logs)
     for row, (name, log) in enumerate(logs.items()):
         alone, colour, share = known.head_alone(log), looks[name].colour, known.running_contact(log)[-1]
-        # Below the gaze of eyes and head together that of the head, if the eyes looked where it points.
+        # Below the gaze, the head alone: the share with centred eyes.
         height, at = (0.72, float(row)) if alone is None else (0.44, row - 0.14)
         _bar(ax, at, height, share, {"color": colour}, {"fontsize": "large", "fontweight": "bold"})
         if alone is not None:
@@ -119,11 +119,11 @@ def draw_contact_bars(ax: Axes, logs: Logs) -> None:
             text = _bar(ax, row + 0.24, 0.24, share, hatched, {"fontsize": "small"})
             text.set_text(f"{text.get_text()}, the head alone")
             if share > _LONG_BAR:
-                # Inside, as there is no room beside it.
+                # The label does not fit beside the bar.
                 text.set(x=98.0 * share, ha="right", bbox={"fc": "w", "ec": "none", "pad": 0.5})
     ax.set_yticks(range(len(logs)), [look.label.replace(" with ", "\nwith ") for look in looks.values()])
     ax.set_ylim(len(logs) - 0.4, -0.6)
-    # Room for the figure beside a full bar.
+    # Margin for the label beside a full bar.
     ax.set(xlim=(0, 118), xticks=[0, 25, 50, 75, 100], xlabel="time with eye contact (% of the scored window)")
     ax.spines[["top", "right"]].set_visible(False)
 
@@ -135,14 +135,14 @@ def overview(logs: Logs, path: Path) -> None:
         logs: The runs: controller name -> log of the same recording.
         path: Picture to write, 1600 x 900 pixels.
     """
-    # Few inches and many dots make letters that still read at half size.
+    # A small size at high resolution: legible letters at half size.
     with style.readable(_OVERVIEW_WIDTH):
         figure = Figure(figsize=(_OVERVIEW_WIDTH, 6.0), dpi=style.DPI, layout="constrained")
         rows, heights = ["error", "bars"], [1.0, 0.25 + 0.13 * len(logs)]
         lines = _time_lines(logs) if people.has_attention(logs) else {}
         if lines:
             rows, heights = ["people", *rows], [0.06 + 0.09 * len(lines), *heights]
-        # The right half has the names of the controllers.
+        # The right half shows the names of the controllers.
         halves = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.3])
         column = halves[1].subgridspec(len(rows), 1, height_ratios=heights)
         axes = {row: figure.add_subplot(column[k]) for k, row in enumerate(rows)}
@@ -165,7 +165,7 @@ def overview(logs: Logs, path: Path) -> None:
 
 
 def _time_lines(logs: Logs) -> dict[str, Log]:
-    """Whose time lines are drawn: one of all gazes where these are alike."""
+    """Time lines to draw: a single one if all runs are equal."""
     if people.are_alike(logs):
         return {"": next(iter(logs.values()))}
     return {look.label.split(" with ")[0]: logs[name] for name, look in style.styles(logs).items()}

@@ -1,4 +1,4 @@
-"""The attended person over time, as all figures draw it: a bar a person, hatched where it looks away."""
+"""The attended person over time in all figures: one bar per person, hatched during gaze aversion."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from gazempc.types import BoolArray, FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Paul Tol's light scheme, for colour-blind people, too. Controllers have none of it, nor has contact.
+# Paul Tol's light scheme, for colour-blind people, too. Disjoint from the colours of controllers and contact.
 _COLOURS = ("#EEDD88", "#99DDFF", "#FFAABB", "#BBCC33", "#EE8866", "#AAAA00")
 _NO_PERSON = "#E0E0E0"
-_WHY = {"policy": "chosen", "left": "the one before left"}
+_WHY = {"policy": "chosen", "left": "previous person left"}
 _HATCH, _BOX = "////", {"fc": "w", "ec": "none", "pad": 1.0}
 
 
@@ -29,8 +29,8 @@ class Turn:
     Attributes:
         from_s: Seconds.
         to_s: Seconds.
-        number: Which person; 0 for none.
-        why: As it stands in the log.
+        number: Number of the person; 0 for none.
+        why: Reason, as in the log.
     """
 
     from_s: float
@@ -40,7 +40,7 @@ class Turn:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Its names, the longest first."""
+        """Labels of the period, longest first."""
         if not self.number:
             return ("no person",)
         name = f"person {self.number}"
@@ -48,7 +48,7 @@ class Turn:
 
 
 def has_attention(logs: Logs) -> bool:
-    """Whether there is anything to draw: a person was chosen, or looked away from.
+    """Whether any run has a choice of person or gaze aversion.
 
     Args:
         logs: The runs.
@@ -70,13 +70,13 @@ def question(logs: Logs) -> str:
 
 
 def turns(log: Log) -> tuple[Turn, ...]:
-    """The attended people, one after the other.
+    """Periods of attention, in temporal order.
 
     Args:
         log: The run.
 
     Returns:
-        The turns; one person for the whole run where none was chosen.
+        The periods; one person for the whole run without a choice.
     """
     start_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
     if not log.attended_time_s.size:
@@ -87,13 +87,13 @@ def turns(log: Log) -> tuple[Turn, ...]:
 
 
 def looks_away(log: Log) -> tuple[tuple[float, float, str], ...]:
-    """Looks away: from when to when, seconds from the start of the log, and why.
+    """Gaze aversions: start, end (seconds from the start of the log) and reason.
 
     Args:
         log: The run.
 
     Returns:
-        They, up to the end of the log.
+        The aversions, up to the end of the log.
     """
     start_s, end_s = float(log.time_s[0]), float(log.time_s[-1])
     each = zip(log.away_start_s.tolist(), log.away_end_s.tolist(), log.away_why.tolist(), strict=True)
@@ -101,7 +101,7 @@ def looks_away(log: Log) -> tuple[tuple[float, float, str], ...]:
 
 
 def are_alike(logs: Logs) -> bool:
-    """Whether the gazes of all runs were for the same people at the same times, to a hundredth of a second.
+    """Whether all runs attend to the same people at the same times, to a hundredth of a second.
 
     Args:
         logs: The runs.
@@ -111,7 +111,7 @@ def are_alike(logs: Logs) -> bool:
 
 
 def away_in_all(logs: Logs) -> tuple[tuple[float, float], ...]:
-    """When contact is due in none of the runs.
+    """Intervals of gaze aversion in all runs.
 
     Args:
         logs: The runs.
@@ -145,14 +145,14 @@ def draw_turns(ax: Axes, log: Log, at: float, height: float, letters: float) -> 
         log: The run.
         at: Middle of the bars, on the y axis.
         height: Their height.
-        letters: How many letters have room in the time from 0 to the end of the log.
+        letters: Number of letters that fit between 0 and the end of the log.
     """
     per_s = letters / max(float(log.time_s[-1] - log.time_s[0]), 1e-9)
     away = looks_away(log)
     for turn in turns(log):
         lasts_s = turn.to_s - turn.from_s
         ax.barh(at, lasts_s, height, turn.from_s, color=person_colour(turn.number), ec="w", lw=0.8)
-        # Words stand before the first look away.
+        # The label is placed before the first aversion.
         to_s = min([from_s for from_s, *_ in away if turn.from_s < from_s < turn.to_s], default=turn.to_s)
         _write(ax, 0.5 * (turn.from_s + to_s), at, turn.texts, per_s * (to_s - turn.from_s))
     for from_s, to_s, why in away:
@@ -164,10 +164,10 @@ def person_colour(number: int) -> str:
     """Colour of a person in all figures.
 
     Args:
-        number: Which person; 0 for none.
+        number: Number of the person; 0 for none.
 
     Returns:
-        A colour as matplotlib and CSS take it.
+        A colour of matplotlib and CSS.
     """
     return _COLOURS[(number - 1) % len(_COLOURS)] if number else _NO_PERSON
 

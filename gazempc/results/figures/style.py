@@ -1,6 +1,6 @@
-"""The look that all figures share: colours, line styles, size of letters, titles, what is not scored.
+"""Common style of all figures: colours, line styles, font sizes, titles, shading of unscored time.
 
-All figures take ``logs``: controller name -> log of the same recording, in the order in which they are shown.
+All figures take ``logs``: controller name -> log of the same recording, in order of display.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ DPI = 150
 _UNSCORED = "0.92"
 # For user-defined controllers (Paul Tol's muted scheme, for colour-blind people, too).
 _OWN_COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733")
-# A picture of an inch less than this number of points in width has letters that read at the width of a README, some
-# 830 pixels: then medium letters are 11 pixels high.
+# Font size per inch of a figure's width, points: at the width of a README, some 830 pixels, medium letters are then 11
+# pixels high.
 _POINTS_PER_INCH = 0.96
 _LEAST_POINTS = 10.0
-# Names of recordings that play together are joined; a longer one leaves no room for the rest of a title.
+# Maximum length of the joined names of simultaneous recordings, so that the title fits.
 _LONGEST_NAME = 48
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a controller looks in every figure.
+    """Style of a controller in all figures.
 
     Attributes:
-        label: Name for people.
+        label: Display name.
         colour: Colour for colour-blind people, too (Okabe and Ito).
         width: Line width, points; thinner lines are drawn over wider ones, so that both show where they meet.
     """
@@ -56,10 +56,10 @@ class Style:
 
 @dataclass(frozen=True)
 class SeriesLook:
-    """Differences between lines that share a colour, such as those of predictors or necks.
+    """Style of lines that share a colour, such as those of predictors or necks.
 
     Attributes:
-        line: Line style, as matplotlib takes it.
+        line: Line style of matplotlib.
         marker: Marker.
     """
 
@@ -67,7 +67,7 @@ class SeriesLook:
     marker: str
 
 
-# The first one is that of a picture with one series.
+# The first one is used for a single series.
 _SERIES = (
     SeriesLook("-", "o"),
     SeriesLook((0, (4, 1.5)), "s"),
@@ -88,18 +88,18 @@ _STYLES = {
 
 
 def style(controller: str) -> Style:
-    """Look of a controller; a user-defined one keeps its name, and its name chooses its colour."""
+    """Style of a controller; a user-defined one keeps its name, which determines its colour."""
     return styles([controller])[controller]
 
 
 def styles(controllers: Iterable[str]) -> dict[str, Style]:
-    """Looks of the controllers of one picture.
+    """Styles of the controllers of one figure.
 
     Args:
         controllers: Their names.
 
     Returns:
-        Name -> look. Two of the user's own whose names choose one colour get different ones, as long as there are some.
+        Name -> style. User-defined controllers get different colours, as far as available.
     """
     found: dict[str, Style] = {}
     taken: set[str] = set()
@@ -113,13 +113,13 @@ def styles(controllers: Iterable[str]) -> dict[str, Style]:
 
 
 def series_look(index: int) -> SeriesLook:
-    """Look of the index-th line, point or bar; from the ninth on they repeat."""
+    """Style of the index-th line, point or bar; repeats from the ninth on."""
     return _SERIES[index % len(_SERIES)]
 
 
 @contextmanager
 def readable(width_inches: float) -> Iterator[None]:
-    """Letters of a figure of this width are large enough to read where a README shows it.
+    """Font sizes that make a figure of this width legible in a README.
 
     Args:
         width_inches: Width of the figure, inches.
@@ -152,7 +152,7 @@ def setup_title(logs: Logs) -> str:
 
 
 def shade_unscored(ax: Axes, end_s: float, away_s: Iterable[tuple[float, float]] = ()) -> None:
-    """Shade the parts of a time axis that are not scored.
+    """Shade the unscored intervals of a time axis.
 
     Args:
         ax: Axes to draw on.

@@ -1,1 +1,1 @@
-"""Reports as one page of HTML, complete in one file. May import gazempc.results."""
+"""Reports as one self-contained HTML page. May import gazempc.results."""

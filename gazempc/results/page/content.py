@@ -1,4 +1,4 @@
-"""Content of a report, before it is HTML: tables, curves (thinned to keep the page small), pictures, events."""
+"""Content of a report, independent of HTML: tables, decimated curves, pictures, events."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 
 from gazempc.types import FloatArray
 
-# Twice as many points as a wide screen has columns: more cannot be seen without zooming far in.
+# Maximum number of points: twice the columns of a wide screen.
 _POINTS = 4000
-# Lines that differ in a print without colours: dashes and gaps, in pixels.
+# Dash patterns, distinguishable in print without colours: dashes and gaps, pixels.
 _DASHES = ("", "8 5", "2 4", "12 5 2 5", "5 8", "16 6", "8 4 2 4 2 4", "1 8")
 
 
@@ -39,11 +39,11 @@ class Curve:
 
 @dataclass(frozen=True)
 class Span:
-    """A part of the axis.
+    """Interval of the axis.
 
     Attributes:
-        start: Where it begins.
-        end: Where it ends.
+        start: Lower end.
+        end: Upper end.
         name: Its name.
         colour: CSS colour of a bar along the top; empty for a grey ground.
     """
@@ -64,7 +64,7 @@ class Chart:
         y_label: Name and unit.
         curves: The curves; the first ones are drawn below the others.
         levels: Heights of horizontal lines, with their names.
-        spans: Parts of the axis that are marked.
+        spans: Marked intervals of the axis.
     """
 
     title: str
@@ -75,7 +75,7 @@ class Chart:
     spans: tuple[Span, ...] = ()
 
     def dash(self, index: int) -> str:
-        """Dashes of a curve, as SVG takes them."""
+        """Dash pattern of a curve, in SVG format."""
         return _DASHES[index % len(_DASHES)]
 
     def as_dict(self) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def _points(curve: Curve) -> dict[str, list[float | None]]:
 
 
 def _kept(y: FloatArray) -> list[int]:
-    """Indices of the points to keep: of each stretch the lowest and the highest, so that no peak is lost."""
+    """Indices of the points to keep: minimum and maximum of each interval, so that no peak is lost."""
     if y.size <= _POINTS:
         return list(range(y.size))
     kept: list[int] = []
@@ -112,7 +112,7 @@ def _numbers(values: FloatArray) -> list[float | None]:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
 
 
-# A number, perhaps with a sign, or the dash of one that is not known.
+# A number with an optional sign, or the dash for an unknown value.
 _NUMBER = re.compile(r"[-+−–]?\d|[-–]$")
 
 
@@ -123,8 +123,8 @@ class PageTable:
     Attributes:
         title: Title; may be empty.
         columns: Heading of each column.
-        rows: Cells, one tuple a row. A first cell that begins with a space goes on with the row above it.
-        note: Stands below.
+        rows: Cells, one tuple a row. A label with a leading space continues the row above.
+        note: Text below the table.
     """
 
     title: str
@@ -134,7 +134,7 @@ class PageTable:
 
     @property
     def numeric(self) -> tuple[bool, ...]:
-        """Which columns hold numbers: most of their cells are some."""
+        """Whether each column is numeric: most of its cells are numbers."""
         columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
         return tuple(2 * sum(bool(_NUMBER.match(cell)) for cell in cells) > len(cells) for cells in columns)
 
@@ -146,12 +146,12 @@ class PageTable:
 
 @dataclass(frozen=True)
 class Unusual:
-    """Something out of the ordinary.
+    """An unusual event.
 
     Attributes:
-        what: In a few words, with numbers.
+        what: Short description, with numbers.
         text: Its meaning.
-        traceback: Of the first exception, if there was one.
+        traceback: Traceback of the first exception, if any.
     """
 
     what: str
@@ -165,14 +165,14 @@ class Page:
 
     Attributes:
         title: Title.
-        question: The question that it answers.
+        question: Question that the report answers.
         answer: The conclusion, in sentences.
-        setup: The set-up: name -> words.
+        setup: Set-up: name -> description.
         tables: The numbers.
-        charts: Curves that can be zoomed.
-        pictures: Files to embed, with what each shows.
+        charts: Zoomable curves.
+        pictures: Files to embed, with captions.
         unusual: Unusual events.
-        command: The command that repeats it.
+        command: Command line that reproduces the run.
         settings: All settings, defaults included.
     """
 

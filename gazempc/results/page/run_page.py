@@ -1,4 +1,4 @@
-"""Reports of a recording, of a log measured again, and of a live run."""
+"""Reports of a replayed recording, of a re-evaluated log, and of a live run."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def error_chart(logs: Mapping[str, Log]) -> Chart:
 
 
 def _people(logs: Mapping[str, Log]) -> Iterator[Span]:
-    """Times without contact due, and the attended people, where these are alike."""
+    """Intervals of gaze aversion, and the attended people, where these are equal in all runs."""
     yield from (Span(from_s, to_s, "looks away") for from_s, to_s in people.away_in_all(logs))
     if any(log.attended_time_s.size for log in logs.values()) and people.are_alike(logs):
         for turn in people.turns(next(iter(logs.values()))):
@@ -50,7 +50,7 @@ def _people(logs: Mapping[str, Log]) -> Iterator[Span]:
 
 
 def joints_chart(log: Log) -> Chart:
-    """Where the joints were: for runs in which the gaze error is unknown.
+    """Joint angles over time, for runs with an unknown gaze error.
 
     Args:
         log: The run.
@@ -67,7 +67,7 @@ def joints_chart(log: Log) -> Chart:
     return Chart("Joints over time", "time (s)", "angle (deg)", curves, spans=spans)
 
 
-# A longer list is for the log, not for a page.
+# Maximum number of rows; the log contains all.
 _MOST_ROWS = 40
 
 
@@ -78,7 +78,7 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
         logs: Controller -> log of the same recording.
 
     Returns:
-        The metrics, and the time line of the last run; nothing where the gaze was for one person all the time.
+        The metrics, and the time line of the last run; empty for one person without gaze aversion.
     """
     if not people.has_attention(logs):
         return ()
@@ -92,18 +92,18 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
     away = [(from_s, to_s, f"looks away: {why}") for from_s, to_s, why in people.looks_away(log)]
     lines = tuple((f"{from_s:.2f}", f"{to_s:.2f}", what) for from_s, to_s, what in sorted(attended + away))
     note = f"The first {_MOST_ROWS} of {len(lines)}; all are in the log." if len(lines) > _MOST_ROWS else ""
-    heading = f"Whom the gaze was for: {label(name)}"
+    heading = f"Attended person: {label(name)}"
     return of_each, PageTable(heading, ("from [s]", "to [s]", ""), lines[:_MOST_ROWS], note)
 
 
 # Pictures of a run, in reading order.
 _ABOUT = {
     "overview.png": "The walk from above, the gaze error over time, and the time with eye contact",
-    "gaze.gif": "Animation: what the robot sees with each gaze",
-    "angles.png": "Angles of the joints, and those that they should have",
+    "gaze.gif": "Animation of the robot's view with each gaze",
+    "angles.png": "Angles of joints, commands and person over time",
     "attended.png": "The attended person over time with the reason, looks away, and contact",
 }
-# Every run begins with the first; the second is a note of the whole.
+# Omitted: the first begins every run; the second is a note on the whole run.
 _USUAL = ("no_observation_yet", "low_frame_rate")
 _TIMES_LISTED = 5
 
@@ -121,11 +121,11 @@ def run_page(
 
     Args:
         logs: Controller -> log of the same recording, each under the first seed.
-        repeats: The figures of each, in the same order.
+        repeats: Figures of each controller over the seeds, in the same order.
         notes: Notes for the reader.
-        meanings: Event -> what it means.
+        meanings: Event -> its meaning.
         pictures: Figures and animation of the logs.
-        command: The command that repeats the run.
+        command: Command line that reproduces the run.
         settings: All its settings.
 
     Returns:
@@ -155,13 +155,13 @@ def run_page(
 
 
 def setup_of(log: Log) -> dict[str, str]:
-    """Set-up of a log, in words.
+    """Set-up of a log, for the reader.
 
     Args:
         log: The run.
 
     Returns:
-        Name -> words.
+        Name -> description.
     """
     run, neck, sensor = log.run, log.neck, log.run.sensor
     parts = [run.kind, f"{log.time_s[-1] - log.time_s[0]:.1f} s", run.group or "", run.subject]
@@ -183,11 +183,11 @@ def unusual_of(log: Log, meanings: Mapping[str, str], whose: str = "") -> list[U
 
     Args:
         log: The run.
-        meanings: Event -> what it means.
-        whose: Begins each entry.
+        meanings: Event -> its meaning.
+        whose: Prefix of each entry.
 
     Returns:
-        One entry an event, in the order in which they came first.
+        One entry per event, in order of first occurrence.
     """
     faults = {fault.event: fault for fault in log.faults}
     found = []
@@ -204,7 +204,7 @@ def unusual_of(log: Log, meanings: Mapping[str, str], whose: str = "") -> list[U
 def _of_event(
     event: str, count: int, meanings: Mapping[str, str], fault: Fault | None, whose: str = "", when: str = ""
 ) -> Unusual:
-    """An event, with the first exception behind it where there was one."""
+    """An event, with its first exception, if any."""
     if fault is None:
         return Unusual(f"{whose}{event}, {count} x{when}", meanings.get(event, ""))
     text = ": ".join(filter(None, (meanings.get(event, ""), fault.error)))
@@ -212,7 +212,7 @@ def _of_event(
 
 
 def captions(pictures: Iterable[Path]) -> dict[Path, str]:
-    """Pictures of a run in reading order, with what each shows; others come last, with their file's name."""
+    """Pictures of a run in reading order, with captions; others last, with their file names."""
     by_name = {path.name: path for path in pictures}
     others = {name: path.stem.replace("_", " ") for name, path in by_name.items()}
     return {by_name[name]: words for name, words in (_ABOUT | others | _ABOUT).items() if name in by_name}
@@ -228,7 +228,7 @@ def _noise(seeds: Sequence[int]) -> str:
 
 
 def _limits(neck: NeckSpec) -> str:
-    """Range, dead time and limits, joint by joint."""
+    """Range, dead time and limits of each joint."""
     return "; ".join(
         f"{name.replace('_', ' ')} {axis.position_min_deg:g} to {axis.position_max_deg:g} deg, dead time "
         f"{axis.dead_time_s:g} s, servo lag {axis.servo_lag_s:.2g} s, at most {axis.velocity_max_rad_s:g} rad/s, "
@@ -237,7 +237,7 @@ def _limits(neck: NeckSpec) -> str:
     )
 
 
-_UNKNOWN = "The true head is unknown, so the gaze error is unknown, too."
+_UNKNOWN = "The gaze error is unknown, as the true head is unknown."
 
 
 def live_page(
@@ -248,9 +248,9 @@ def live_page(
     Args:
         summary: Content of `summary.json`.
         log: The last log.
-        meanings: Event -> what it means.
+        meanings: Event -> its meaning.
         pictures: Figures of the last log.
-        command: The command that repeats the run.
+        command: Command line that reproduces the run.
 
     Returns:
         The report.

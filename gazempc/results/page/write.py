@@ -1,4 +1,4 @@
-"""Writes a report as one HTML file that needs no other."""
+"""Writes a report as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from gazempc.files.whole import write_whole
 from gazempc.results.page.content import Page, PageTable, Unusual
 from gazempc.results.run_summary import versions
 
-# Mail programs take a page of this size; the text has its share of it.
+# Size limit of a page, text included: mail programs accept it.
 MAX_PAGE_BYTES = 3_000_000
 _TYPES = {".png": "image/png", ".gif": "image/gif"}
 
 
 def embed(pictures: Mapping[Path, str], room_bytes: int) -> list[dict[str, Any]]:
-    """Read pictures, the first ones first, as long as there is room.
+    """Read pictures in order, up to a size limit.
 
     Args:
-        pictures: PNG and GIF files, with what each shows.
-        room_bytes: For all of them, encoded.
+        pictures: PNG and GIF files, with captions.
+        room_bytes: Size limit of all encoded pictures, bytes.
 
     Returns:
-        Values of the template, in the same order; without data where there was no room.
+        Values of the template, in the same order; without data beyond the limit.
     """
     found = []
     for path, about in pictures.items():
@@ -44,7 +44,7 @@ def embed(pictures: Mapping[Path, str], room_bytes: int) -> list[dict[str, Any]]
 
 
 NAME = "report.html"
-# More of them would be no reading, and might not fit.
+# Limits of the page's length.
 _MAX_ROWS, _MAX_UNUSUAL, _MAX_TEXT = 500, 100, 4000
 
 
@@ -74,7 +74,7 @@ def write_page(page: Page, out: Path) -> str:
         "written": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
     }
     bare = template.render(**values, pictures=[])
-    # Room for the pictures' captions.
+    # Reserve for the pictures' captions.
     room_bytes = MAX_PAGE_BYTES - len(bare.encode()) - 500 * (len(page.pictures) + 1)
     text = template.render(**values, pictures=embed(page.pictures, room_bytes))
     write_whole(out / NAME, text)
@@ -89,6 +89,6 @@ def _cut(table: PageTable) -> PageTable:
 
 
 def _shorter(text: str) -> str:
-    """A long text without its middle: the end of a traceback matters most."""
+    """Omit the middle of a long text: a traceback ends with its cause."""
     half = _MAX_TEXT // 2
     return text if len(text) <= _MAX_TEXT else f"{text[:half]}\n[...]\n{text[-half:]}"

@@ -23,9 +23,9 @@ from gazempc.ros2.messages import Ros2Error, stamp_s
 from gazempc.types import FloatArray
 
 _PERIOD_S = 0.05
-# Transforms of a goal are waited for as long.
-_TF_PATIENCE_S = 1.0
-# Slower joints stand; after this time standing off the target, it cannot be reached.
+# Timeout of the transforms of a goal.
+_TF_TIMEOUT_S = 1.0
+# Joint speed that counts as rest, and time at rest off the target after which it is unreachable.
 _STILL_RAD_S, _SETTLING_S = 0.05, 1.0
 
 
@@ -40,7 +40,7 @@ def tilt_frame(geometry: Geometry, joints_rad: FloatArray) -> FloatArray:
 
 
 def place_for_gaze(geometry: Geometry, target_m: FloatArray, origin_m: FloatArray, axis: FloatArray) -> FloatArray:
-    """The place at which the gaze looks while another axis of the head points at the target.
+    """The gaze target that makes another axis of the head point at a target.
 
     Args:
         geometry: The neck's geometry.
@@ -64,7 +64,7 @@ def place_for_gaze(geometry: Geometry, target_m: FloatArray, origin_m: FloatArra
 
 @dataclass
 class _Active:
-    """The goal that is carried out."""
+    """The active goal."""
 
     handle: Any
     server: ActionServer
@@ -80,9 +80,9 @@ class _Active:
 
 
 class _GoalServer(ActionServer):  # type: ignore[misc]
-    """An action server whose goals are carried out elsewhere: `execute` of a goal marks it as executing, no more.
+    """An action server whose goals are executed elsewhere: `execute` of a goal only marks it as executing.
 
-    An execution callback that awaits its end keeps the executor of rclpy spinning.
+    An execution callback that awaits the end makes the executor of rclpy spin.
     """
 
     def notify_execute(self, goal_handle: Any, execute_callback: Callable[[Any], Any] | None) -> None:
@@ -96,7 +96,7 @@ class HeadActions:
 
     Args:
         node: The node.
-        gaze: Gives the running `Gaze`; None while the node is not active.
+        gaze: Returns the running `Gaze`; None while the node is inactive.
         tf: The tree of frames.
         base_frame: tf frame of the positions on the robot.
         to_base: From that frame to the neck's base frame, shape (3,), metres.
@@ -138,7 +138,7 @@ class HeadActions:
 
     def close(self) -> None:
         """End the goal and the servers."""
-        self._end("abort", "the node is not active any more")
+        self._end("abort", "the node is no longer active")
         self._node.destroy_timer(self._timer)
         for server in self._servers:
             server.destroy()
@@ -153,7 +153,7 @@ class HeadActions:
         if not all(map(math.isfinite, numbers)):
             why = "a number of the goal is not finite"
         elif not target.header.frame_id:
-            why = "the target names no frame"
+            why = "the target has no frame"
         elif self._gaze() is None:
             why = "the node is not active"
         if why:
@@ -161,7 +161,7 @@ class HeadActions:
         return GoalResponse.REJECT if why else GoalResponse.ACCEPT
 
     def _begin(self, handle: Any, server: ActionServer) -> None:
-        """A goal is carried out by the timer, and replaces the one before."""
+        """The timer executes a goal, which replaces the previous one."""
         self._end("abort", "a newer goal replaces it")
         handle.execute()
         request = handle.request
@@ -172,7 +172,7 @@ class HeadActions:
             active.axis = axis / np.linalg.norm(axis) if axis.any() else active.axis
             active.min_duration_s = request.min_duration.sec + 1e-9 * request.min_duration.nanosec
             active.max_velocity_rad_s = request.max_velocity if request.max_velocity > 0.0 else math.inf
-        # The timer takes it up: at a hundred goals a second the queue of the service must not run over.
+        # Executed by the timer: at a hundred goals a second the queue of the service must not overflow.
         self._active = active
         self._timer.reset()
 
@@ -209,7 +209,7 @@ class HeadActions:
             target_m = self._in_base(active)
             pointing = self._pointing(active)
         except Ros2Error as error:
-            if abs(now_s - active.began_s) > _TF_PATIENCE_S:
+            if abs(now_s - active.began_s) > _TF_TIMEOUT_S:
                 self._end("abort", str(error))
             return
         joints = gaze.joints
@@ -236,7 +236,7 @@ class HeadActions:
             self._end("abort", f"{math.degrees(error_rad):.1f} deg off and at rest: the neck cannot reach the target")
 
     def _send(self, gaze: Gaze, active: _Active, place_m: FloatArray, is_exact: bool) -> None:
-        """Give the place to the loop: at first with its path, later where the target has moved."""
+        """Send the position to the loop: at first with its limits, later at changes of the target."""
         lasts_s = active.min_duration_s if active.sent_m is None else 0.0
         if active.sent_m is not None and (not is_exact or float(np.linalg.norm(place_m - active.sent_m)) < 1e-3):
             return
@@ -244,7 +244,7 @@ class HeadActions:
         active.sent_m = place_m
 
     def _in_base(self, active: _Active) -> FloatArray:
-        """The target in the base frame: at its stamp, or without one where its frame is now."""
+        """The target in the base frame, at its stamp or, without one, now."""
         header, point = active.target.header, active.target.point
         stamped = header.stamp.sec or header.stamp.nanosec
         pose = self._tf.transforms.pose(

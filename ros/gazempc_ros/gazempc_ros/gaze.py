@@ -1,9 +1,9 @@
 """The node `gaze`: people in, joint commands out.
 
-It is a lifecycle node, as the controllers of ros2_control are: parameters are set while it is unconfigured,
-`configure` checks them, `activate` connects the robot and begins to send commands, and `deactivate` brakes the neck
-within its limits. With the parameter `autostart` (the default) it does both by itself, and tries again until the robot
-is there. `ros2 param describe /gaze NAME` explains each parameter.
+It is a lifecycle node, as the controllers of ros2_control are: parameters are set while it is unconfigured, `configure`
+checks them, `activate` connects the robot and begins to send commands, and `deactivate` brakes the neck within its
+limits. With the parameter `autostart` (the default) it does both by itself, and retries until the robot replies. The
+command `ros2 param describe /gaze NAME` explains each parameter.
 
 Subscribed topics:
 
@@ -17,9 +17,9 @@ Subscribed topics:
 Published topics:
 
 - `options.ros2.command_topic` as `JointTrajectory`: the command half a servo period ahead with its derivatives, then a
-  stop within the limits. A controller with `allow_nonzero_velocity_at_trajectory_end: false` accepts it, and
-  brakes by itself when commands end. `time_from_start_s` acts as further dead time: identify the neck with the same
-  value. Or as `Float64MultiArray`: positions, or velocities with `command_values: velocity`.
+  stop within the limits. A controller with `allow_nonzero_velocity_at_trajectory_end: false` accepts it, and brakes
+  when commands end. `time_from_start_s` acts as further dead time: identify the neck with the same value. Or as
+  `Float64MultiArray`: positions, or velocities with `command_values: velocity`.
 - `~/markers`: gaze ray, attended head, forecast with 2-sigma ellipsoids; `/diagnostics`: the status line's facts
 
 Actions: `~/point_head` (`control_msgs/PointHead`: frame and axis that point, `min_duration`, `max_velocity`, feedback)
@@ -61,10 +61,10 @@ from gazempc_ros.markers import Moments
 _RETRY_S = 2.0
 _RHYTHMS = ("listening", "speaking", "told")
 _OWN = {
-    "autostart": (True, "Configure and activate without a lifecycle manager, and try again until the robot is there"),
+    "autostart": (True, "Configure and activate without a lifecycle manager, and retry until the robot replies"),
     "goal_tolerance_rad": (0.03, "Angle within which a goal of point_head or look_at is reached"),
     "log": ("", "File .npz for the log of the last minutes, written when the node is deactivated; empty for none"),
-    "neck_frame": ("gaze_neck", "Name under which tf gets the neck's base frame, for the markers"),
+    "neck_frame": ("gaze_neck", "Name of the neck's base frame in tf, for the markers"),
 }
 
 
@@ -95,7 +95,7 @@ class GazeNode(Node):
         )
 
     def start(self) -> None:
-        """Configure and activate, as far as the parameter ``autostart`` asks for it."""
+        """Configure and activate, according to the parameter ``autostart``."""
         if self._retry is not None:
             self._start()
 
@@ -119,7 +119,7 @@ class GazeNode(Node):
         except GazempcError as error:
             self.get_logger().error(str(error))
             if self._retry is not None:
-                self._retry.cancel()  # parameters do not mend themselves
+                self._retry.cancel()  # a retry needs other parameters
             return TransitionCallbackReturn.FAILURE
         self._state = "inactive"
         return TransitionCallbackReturn.SUCCESS
@@ -136,18 +136,18 @@ class GazeNode(Node):
         self.gaze = gaze
         self._open(gaze)
         self._state = "active"
-        gc.freeze()  # what lives until the end is left out of the collections, which stop all threads
+        gc.freeze()  # exclude permanent objects from collections, which stop all threads
         self.get_logger().info(f"active: neck {gaze.neck.name}, robot {self.get_parameter('robot').value}")
         return super().on_activate(state)
 
     def on_deactivate(self, state: State) -> TransitionCallbackReturn:
-        """Brake the neck within its limits and leave the robot."""
+        """Brake the neck within its limits and disconnect the robot."""
         self._close()
         self._state = "inactive"
         return super().on_deactivate(state)
 
     def on_cleanup(self, _: State) -> TransitionCallbackReturn:
-        """Forget the settings."""
+        """Discard the settings."""
         self._prepared, self._state = None, "unconfigured"
         return TransitionCallbackReturn.SUCCESS
 

@@ -17,10 +17,10 @@ from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.moments import AttendedMoment, EventMoment, LateMoment, Moment, SeenMoment, StatusMoment
 
-# What needs an action of the user: the loop cannot remove the cause.
+# Events that require action of the user: the loop cannot remove the cause.
 _ERRORS = ("source_failed", "no_sender", "robot_not_answering", "several_senders", "controller_failed")
 _LIFETIME = Duration(sec=1)
-# Standard deviations that an ellipsoid shows.
+# Half axes of ellipsoids, in standard deviations.
 _SIGMAS = 2.0
 
 
@@ -55,8 +55,8 @@ class Moments:
         Args:
             name: Name of the node.
             stamp: The time.
-            counts: Observations by what became of them.
-            warnings: What is probably wrong with the data.
+            counts: Number of used observations, and of refused ones by event.
+            warnings: Probable errors of the data.
         """
         with self._lock:
             events, texts, late_ms, skipped = dict(self._events), dict(self._texts), self._late_ms, self._skipped

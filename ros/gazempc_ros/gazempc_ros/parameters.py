@@ -17,11 +17,11 @@ from gazempc.settings import LoopSettings
 # Parameters of the command line that are arguments of `Gaze`, and options of robots that no ROS 2 robot uses.
 _ARGUMENTS = {
     "neck": ("reference", "Shipped neck, or path of a neck file; `gazempc identify --new --urdf` writes one"),
-    "robot": ("ros2", "What executes the commands: ros2, or mujoco or simulated without a robot"),
-    "controller": ("mpc", "What plans the commands: mpc, lookahead, reactive, module:Class"),
+    "robot": ("ros2", "Robot that executes the commands: ros2, or mujoco or simulated without hardware"),
+    "controller": ("mpc", "Controller that plans the commands: mpc, lookahead, reactive, module:Class"),
     "predictor": ("", "Forecast of the head; empty for the default, walker"),
 }
-# Messages are taken and made in Python beside the plans: with 10 ms, as in a live run, 2 to 10 % are late.
+# Messages are processed in Python concurrently with the plans: with 10 ms, as in a live run, 2 to 10 % are late.
 _DEFAULTS = LiveGazeSettings(loop=LoopSettings(compute_delay_s=0.02))
 _BOUNDS, _FAR = ("ge", "gt", "le", "lt"), 1e15
 _LEFT_OUT = ("options.dynamixel", "options.reachy_mini", "options.visca", "options.onvif", "options.ros2.use_sim_time")
@@ -59,14 +59,14 @@ def _as_parameter(value: Any, kind: type, is_list: bool) -> Any:
 
 
 def _describe(field: FieldInfo, kind: type, is_list: bool, unset: bool) -> ParameterDescriptor:
-    """Description, range and accepted words; a value that is not set by default may get any type."""
+    """Description, range and accepted words; a value without a default may have any type."""
     described = ParameterDescriptor(description=field.description or "", dynamic_typing=unset)
     choices = [each for each in (field.annotation, *get_args(field.annotation)) if get_origin(each) is Literal]
     words = [str(word) for each in choices for word in get_args(each)]
     described.additional_constraints = f"one of {', '.join(words)}" if words else ""
     bounds = {name: getattr(each, name) for each in field.metadata for name in _BOUNDS if hasattr(each, name)}
     if bounds and kind in (int, float) and not is_list and not unset:
-        # Whether an end itself is accepted is checked by `configure`.
+        # Open ends of a range are checked by `configure`.
         low = kind(bounds.get("ge", bounds.get("gt", -_FAR)))
         high = kind(bounds.get("le", bounds.get("lt", _FAR)))
         if kind is int:
@@ -91,7 +91,7 @@ def declare(node: Node) -> None:
 
 
 def read(node: Node) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What the parameters ask for.
+    """Settings from the parameters.
 
     Args:
         node: The node, with its parameters declared.

@@ -1,4 +1,4 @@
-"""The node `walk`: a recorded walk as a tracker sends it, for tests and demonstrations without a person."""
+"""The node `walk`: a recorded walk in the format of a tracker, for tests and demonstrations without a person."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PAUSE_S = 2.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Send the walk until it ends, or for ever."""
+    """Send the walk once or repeatedly."""
     rclpy.init(args=arguments)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         _send(Node("walk"))

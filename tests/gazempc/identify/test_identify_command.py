@@ -81,7 +81,7 @@ def test_invalid_command_lines_are_refused(clean, tmp_path, capsys):
         (["--robot", "simulated", "--from-log", "x.npz"], "give one of --robot"),
         (["--source", "camera:emulator"], "give one of --robot"),
         (["--source", "udp:5005", "--robot", "visca:emulator"], "--source"),
-        (["--from-log", str(tmp_path / "none.npz")], "not a log that can be read"),
+        (["--from-log", str(tmp_path / "none.npz")], "not a readable log"),
         (["--robot", "simulated", "--neck", "nock"], "no neck file 'nock'"),
         (["--robot", "simulated", "--neck", str(tmp_path / "blind.toml")], "reports_joints"),
         (["--from-log", str(tmp_path / "still.npz")], "tilt: its command moves over 0.00 deg"),
@@ -145,7 +145,7 @@ def test_the_dead_time_of_a_user_defined_robot_is_identified(tmp_path):
         ("Real", ["--neck", ":Real"]),
         ("NoConnection", ["connect() raised KeyError: 'port'"]),
         ("Silent", ["there is no reading", "identification does not"]),
-        ("WrongShape", ["position_rad array([0., 0., 0.]), needed is an array of shape (2,)"]),
+        ("WrongShape", ["position_rad array([0., 0., 0.]), expected an array of shape (2,)"]),
         ("WrongSent", ["a command did not get through", "of shape (1,)"]),
     ],
 )

@@ -95,7 +95,7 @@ def test_a_name_persists_over_a_short_absence_only(faces, finder):
         assert after(finder, pictures, start_s) == found
 
 
-# The portrait's pupils and the tip of the nose, by eye, pixels.
+# The portrait's pupils and tip of the nose, measured by hand, pixels.
 RIGHT_EYE, LEFT_EYE, NOSE = (203, 101), (246, 103), (226, 127)
 
 
@@ -125,7 +125,7 @@ def test_a_ros_calibration_file_is_read(tmp_path):
     matrices = {"camera_matrix": matrix, "distortion_coefficients": distortion}
     file.write_text(yaml.safe_dump({"image_width": 640, "image_height": 480} | matrices))
     assert from_calibration(file, 640, 480).rays(projected(MATRIX, DISTORTION)) == pytest.approx(TANGENTS, abs=1e-4)
-    # At another size of the same shape: edges double, middles of pixels with them.
+    # At another size of the same aspect ratio: edges scale by two, pixel centres accordingly.
     pixels = 2 * (projected(MATRIX, DISTORTION) + 0.5) - 0.5
     assert from_calibration(file, 1280, 960).rays(pixels) == pytest.approx(TANGENTS, abs=1e-4)
 

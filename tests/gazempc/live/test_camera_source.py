@@ -29,7 +29,7 @@ from gazempc.loop.events import Event
 from gazempc.results.log_files import load_log
 from gazempc.results.metrics import measure
 
-# A busy machine searches late.
+# Detection is delayed on a busy machine.
 PATIENT = ["--loop.stale-after-s", "5", "--loop.lost-after-s", "8", "--loop.rest-after-s", "20"]
 
 WITH_HERE = os.environ | {"PYTHONPATH": os.pathsep.join(["", str(Path(__file__).parents[3])])}

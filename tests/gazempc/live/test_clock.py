@@ -70,7 +70,7 @@ def test_lateness_percentiles_equal_numpy_within_a_bin():
 
 
 HEAD = np.array([2.0, 0.0, 0.4])
-# What the computer's clocks show at the zero of the loop's.
+# Readings of the computer's clocks at the zero of the loop's.
 UNIX_S, MONOTONIC_S = -CLOCK.from_unix_s(0.0), -CLOCK.from_monotonic_s(0.0)
 ARRIVALS_S = 5.0 + np.arange(28) / 30.0
 LATE_S = 0.04
@@ -98,22 +98,22 @@ WRONG = {
     "milliseconds, monotonic": (unix(MONOTONIC_S - UNIX_S, 1e3), "--stamps.clock monotonic --stamps.unit ms"),
     "milliseconds of another clock": (unix(-37.3, 1e3), "--stamps.clock other --stamps.unit ms"),
     "simulated time": (20.0 + 0.3 * ARRIVALS_S, "--stamps.clock arrival"),
-    # A whole second passes in the middle of them, whenever the test runs.
+    # They always include a change of the second.
     "whole seconds": (np.floor(unix(-(unix()[14] % 1.0))), "--stamps.clock arrival"),
     "standing": (np.full(28, unix()[0]), "--stamps.clock arrival"),
     "slow": (unix(-0.76), "--stamps.clock other"),
 }
 
 
-@pytest.mark.parametrize(("stamps", "mend"), WRONG.values(), ids=WRONG.keys())
-def test_wrong_stamps_are_reported_with_the_correcting_option(stamps, mend):
+@pytest.mark.parametrize(("stamps", "remedy"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_stamps_are_reported_with_the_correcting_option(stamps, remedy):
     event, text = judged(stamps)
     assert event == "wrong_clock"
-    assert text.endswith(mend) or f"{mend}," in text
+    assert text.endswith(remedy) or f"{remedy}," in text
     options = dict(re.findall(r"--stamps\.(clock|unit) (\w+)", text))
-    mended = Stamps(**options)
-    assert judged(stamps, mended) is None
-    reader = StampReader(mended, CLOCK)
+    corrected = Stamps(**options)
+    assert judged(stamps, corrected) is None
+    reader = StampReader(corrected, CLOCK)
     ages_s = np.array([frame.arrival_s - frame.capture_s for frame in frames_of(stamps, reader)])
     assert np.all((ages_s >= 0.0) & (ages_s < 0.1))
 

@@ -17,7 +17,7 @@ from gazempc.results.metrics import measure
 @pytest.mark.slow
 def test_a_run_from_standard_input_to_its_end(tmp_path):
     """Input in real time: the neck ends at rest, all files are written, exit status 0."""
-    # The predictor runs in a process of its own.
+    # The predictor runs in a separate process.
     with Program("--source", "stdin", "--robot", "simulated", "--isolate", "predictor", "--out", tmp_path) as program:
         program.until_it_runs()
         program.walk(1.2)  # metrics are of logs longer than a second
@@ -44,7 +44,7 @@ def test_a_run_from_standard_input_to_its_end(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_signal_during_the_start_ends_the_program_in_order(tmp_path):
+def test_a_signal_during_the_start_ends_the_program_gracefully(tmp_path):
     with Program("--source", "stdin", "--robot", "simulated", "--out", tmp_path) as program:
         program.until_it_takes_signals()
         program.process.send_signal(signal.SIGINT)

@@ -40,7 +40,7 @@ def test_on_a_simulated_clock_a_live_run_equals_the_replay():
     for name in ("capture_time_s", "arrival_time_s", "head_observed_base_m", "forecast_mean_base_m"):
         np.testing.assert_allclose(live.joined(name)[:m], getattr(replay_log, name), atol=1e-9, rtol=0)
     assert live.joined("event_name").tolist() == replay_log.event_name.tolist()
-    # What follows is the stop.
+    # The stop follows.
     assert len(live.joined("time_s")) - n < 0.4 / TS
 
 
@@ -48,14 +48,14 @@ def test_commands_are_independent_of_clock_jitter():
     """Commands are computed for due times; for actual times most would reach the jerk limit."""
     n = int(3.0 / TS)
 
-    def hurried(result):
+    def saturated_share(result):
         acceleration = result.joined("command_acceleration_rad_s2")[:n]
         jerk = np.abs(np.diff(acceleration, axis=0)) / TS
         return float(np.mean(jerk > 0.9 * NECK.command_limits.jerk_max_rad_s3))
 
     steady, jittery = undisturbed(), run_live(clock=Jittery(), duration_s=3.0)
     assert jittery.report.lateness.max_ms > 1.5
-    assert hurried(jittery) < hurried(steady) + 0.05
+    assert saturated_share(jittery) < saturated_share(steady) + 0.05
     sent, usual = (each.joined("command_position_rad")[:n] for each in (jittery, steady))
     assert np.degrees(np.abs(sent - usual).max()) < 1.0
 

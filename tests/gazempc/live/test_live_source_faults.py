@@ -161,7 +161,7 @@ def test_entering_leaving_and_renamed_people_are_events():
     assert began_s["person_renamed"] == pytest.approx([3.0], abs=delay_s)
     assert began_s["person_returned"] == pytest.approx([4.0], abs=delay_s)
     assert len(began_s["attention_switched"]) == 1
-    # Observations of others, or before a track is confirmed.
+    # Observations of other people, or before confirmation of a track.
     assert result.refused["another_person"] == pytest.approx(30 * (1.5 + 0.5), abs=8)
     assert result.refused["seen_twice"] == pytest.approx(6, abs=1)
     assert set(result.refused) == {"another_person", "seen_twice"}

@@ -71,7 +71,7 @@ def test_a_camera_frames_a_walker_rests_before_sway_and_stops_when_lost():
         start_s = time.time()
 
         def aside_m(time_s):
-            # From side to side by 55 deg in 6 s and there 4 deg of sway.
+            # A walk of 55 deg to and fro in 6 s, then sway of 4 deg.
             since_s = time_s - start_s
             return 0.35 * min(since_s, 6.0) - 1.05 + (0.14 * math.sin(3.0 * since_s) if since_s > 6.0 else 0.0)
 

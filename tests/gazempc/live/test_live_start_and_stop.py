@@ -41,7 +41,7 @@ def test_unreadable_joints_delay_or_end_the_start_without_a_jump(kind, until_s):
         result = error.result
         assert until_s > 1.0
         assert result.robot.calls == ["connect", "close"]
-    # The first command is where the joints stand.
+    # The first command equals the measured angles.
     assert all(np.allclose(position_rad, START_RAD, atol=1e-12) for _, position_rad in result.robot.received)
 
 

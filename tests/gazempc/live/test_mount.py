@@ -90,7 +90,7 @@ def test_a_moving_sensor_is_placed_by_the_joints_at_capture():
     assert (found, report.n_problems) == ([], 1)
 
 
-# The unit vectors of forward, left and up as each kind of axes writes them, from its documentation.
+# Unit vectors forward, left and up in each axis convention, from its documentation.
 NAMED = {
     "flu": np.eye(3),
     "optical": np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]),
@@ -106,7 +106,7 @@ def test_other_axes_and_units_give_the_same_observation(axes, point, yaw_deg):
     forward, left, up = NAMED[axes]
     written = 1e3 * (point[0] * forward + point[1] * left + point[2] * up)
     yaw = np.deg2rad(yaw_deg)
-    # A face turned to the left by the yaw: in its own axes, named alike, its forward is where the sensor's would be.
+    # A face turned to the left by the yaw; its axes have the convention of the sensor's.
     columns = np.stack([forward, left, up]).T
     turn = columns @ about("z", yaw) @ np.linalg.inv(columns)
     quat = Rotation.from_matrix(turn).as_quat(scalar_first=True)

@@ -81,7 +81,7 @@ def test_refused_heads_are_counted_by_name_and_near_ones_limit_the_speed():
 WALK_M = np.column_stack([np.full(28, 2.0), 1.2 * (TRACK_S - 0.45), np.full(28, 0.4)])
 
 
-# The same walk as trackers with another unit or other axes state it: columns and signs written out by hand.
+# The same walk in other units or axes: columns and signs written by hand.
 OTHERS = {
     "unit-m 0.001": WALK_M / 0.001,
     "unit-m 0.0254": WALK_M / 0.0254,
@@ -127,7 +127,7 @@ def test_an_implausible_height_range_or_speed_is_reported():
         (np.arange(0.0, 4.0, 1 / 4.0), "camera"),
         (np.arange(0.0, 4.0, 1 / 0.8), "--loop.lost-after-s"),
         # A person with sparse detections.
-        (np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]])), "rarely found"),
+        (np.sort(np.concatenate([np.arange(0.0, 4.0, 0.4), [0.433, 1.633, 2.833]])), "rarely detected"),
         # People of a frame share its time; a gap does not count as an interval.
         (np.append(np.repeat(np.arange(0.0, 1.0, 1 / 30), 2), [3.0, 3.03]), None),
     ],

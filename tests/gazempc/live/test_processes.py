@@ -1,4 +1,4 @@
-"""Priorities while commands are sent, and a predictor in a process of its own."""
+"""Priorities while commands are sent, and a predictor in a separate process."""
 
 import gc
 import multiprocessing
@@ -28,7 +28,7 @@ def may():
     return True
 
 
-@pytest.mark.skipif(not may(), reason="real-time priorities are not allowed to this user (limit rtprio)")
+@pytest.mark.skipif(not may(), reason="real-time priorities require a higher limit rtprio")
 def test_the_command_thread_has_priority_and_all_priorities_are_restored():
     ended, found = threading.Event(), []
     other = threading.Thread(target=ended.wait)
@@ -64,6 +64,6 @@ def test_a_predictor_process_forecasts_and_raises_as_in_process_and_ends_with_it
     np.testing.assert_array_equal(remote.forecast(times_s).means_base_m, local.forecast(times_s).means_base_m)
     assert remote.rejections_in_a_row == local.rejections_in_a_row
     del predictor, remote
-    gc.collect()  # exceptions hold what raised them
+    gc.collect()  # exceptions hold references to their frames
     process.join(20.0)
     assert not process.is_alive()

@@ -76,7 +76,7 @@ def test_a_face_is_transformed_from_a_turning_camera(stage):
     np.testing.assert_allclose(facing, turn.apply([-1.0, 0.0, 0.0]), atol=1e-5)
 
 
-def test_a_person_has_one_name_whatever_face_they_have(stage):
+def test_a_person_has_one_name_for_any_face_id(stage):
     source = opened(stage)
     publish(source, stage, PERSONS, IDS, tracked("anna"))
     publish(source, stage, "/humans/persons/anna/face_id", TEXT, text("f1"))

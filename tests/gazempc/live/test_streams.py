@@ -95,15 +95,15 @@ def test_a_stream_is_bound_to_the_first_allowed_sender_of_an_observation(allowed
 
 def test_a_silent_sender_stays_bound_for_10_minutes_unless_its_port_closes():
     senders = Senders()
-    senders.heard(ONE, 10.0)
-    assert senders.to_ask(12.9) is None
+    senders.register(ONE, 10.0)
+    assert senders.probe_due(12.9) is None
     assert senders.refusal(OTHER, 609.0)
-    assert senders.to_ask(13.1) == ONE
-    assert senders.to_ask(14.0) is None  # at a bounded rate
+    assert senders.probe_due(13.1) == ONE
+    assert senders.probe_due(14.0) is None  # at a bounded rate
     assert senders.refusal(ONE, 609.0) == senders.refusal(OTHER, 611.0) == ""
-    senders.closed(OTHER)
+    senders.release(OTHER)
     assert senders.refusal(OTHER, 20.0)
-    senders.closed(ONE)
+    senders.release(ONE)
     assert senders.refusal(OTHER, 20.0) == ""
     with pytest.raises(SourceError, match="--allow nobody"):
         Senders(["nobody"])
@@ -134,7 +134,7 @@ def test_udp_lines_of_a_tracker_that_pauses_and_of_the_next_one():
         stranger.sendto(line(7), ("127.0.0.1", port))
         return 7 in numbers(collector.sightings)
 
-    if sys.platform == "linux":  # which reports that a port is closed
+    if sys.platform == "linux":  # reports closed ports
         found.until(rebound)  # a restarted tracker has another port
     stranger.close()
     with pytest.raises(SourceError, match=f"UDP 127.0.0.1:{port}"):

@@ -1,4 +1,4 @@
-"""Metrics of attention, framing and starts, against logs with metrics known by hand."""
+"""Metrics of attention, framing and starts, against logs with metrics computed by hand."""
 
 import dataclasses
 from dataclasses import replace
@@ -138,8 +138,8 @@ def starter(seconds=8.0):
         ([], 0.0),  # never
         ([(2.5, 3.1)], 0.8),
         ([(2.5, 3.1), (3.4, 4.0)], 1.7),  # 0.3 s between are not sustained
-        ([(2.0, 3.0)], 0.7),  # out of contact before the start already
-        ([(4.0, 5.0)], 0.0),  # nothing to do with the start
+        ([(2.0, 3.0)], 0.7),  # contact lost before the start
+        ([(4.0, 5.0)], 0.0),  # unrelated to the start
         ([(2.5, 8.0)], 5.7),  # to the end
         ([(2.5, 7.7)], 5.7),  # contact of 0.3 s at the end is not sustained
     ],
@@ -166,7 +166,7 @@ def standing(off_m, seconds=12.0, rate_hz=30.0):
     observed_m = np.tile([2.5, 0.0, 0.0], (captures_s.size, 1))
     means_m = np.repeat(observed_m[:, None], 3, axis=1)
     means_m[:, 1] += off_m(captures_s)
-    means_m[:, 2] += 9.0  # the horizon of 1 s does not count
+    means_m[:, 2] += 9.0  # the horizon of 1 s is ignored
     seen = {"head_observed_base_m": observed_m, "forecast_mean_base_m": means_m}
     return gazing(np.zeros(round(seconds / TICK_S)), captures_s=captures_s, **seen)
 

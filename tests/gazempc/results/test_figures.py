@@ -171,13 +171,13 @@ def test_the_report_lists_the_attended_people(attention):
         (0.0, 1.0, "not scored"),
         (pytest.approx(5.0, abs=0.006), pytest.approx(6.5, abs=0.006), "looks away"),
         (0.5, 4.0, "person 1: chosen"),
-        (4.0, 8.0, "person 2: the one before left"),
+        (4.0, 8.0, "person 2: previous person left"),
         (8.0, 10.0, "no person"),
     ]
     assert dict(metrics.rows)["switches a minute"] == "6"
     assert line.rows == (
         ("0.50", "4.00", "person 1: chosen"),
-        ("4.00", "8.00", "person 2: the one before left"),
+        ("4.00", "8.00", "person 2: previous person left"),
         ("5.00", "6.50", "looks away: thinking"),
         ("8.00", "10.00", "no person"),
     )

@@ -72,7 +72,7 @@ def test_a_log_is_read_back_bit_for_bit(log, path, tmp_path):
 
 @pytest.mark.parametrize("topic", ["ticks", "observations", "forecasts"])
 def test_mcap_values_equal_those_of_the_tables(log, path, topic):
-    """The tables that pandas gets are tested against the log."""
+    """Reference: the pandas tables, which are tested against the log."""
     frame = getattr(log.to_pandas(), topic)
     found = numbers(path, f"/{topic}")
     assert len(found) == len(frame)
@@ -109,7 +109,7 @@ def test_transforms_compose_from_base_to_eye(log, path):
 
 
 def test_the_camera_frame_equals_the_mount(log, tmp_path):
-    """Its transform places an observation as the run does."""
+    """Its transform equals that of the run's mount."""
     mount = Mount(on="head", position_m=(0.05, 0.0, 0.1), roll_pitch_yaw_deg=(3.0, 10.0, -20.0))
     run = log.run.model_copy(update={"settings": {"mount": mount.model_dump(mode="json")}})
     write_mcap(cut(dataclasses.replace(log, run=run), 0.0, 1.3), tmp_path / "mounted.mcap")

@@ -123,7 +123,7 @@ def test_forecast_metrics(log):
     nees = [d @ np.linalg.inv(c) @ d for d, c in zip(off_m, log.forecast_covariance_m2[known, 1], strict=True)]
     assert m.forecast_nees_500 == pytest.approx(np.mean(nees))
     v = log.forecast_degrees_of_freedom[known]
-    assert np.median(v) < 100.0  # of the first frame, by the filter, it is infinite
+    assert np.median(v) < 100.0  # infinite at the filter's first frame
     for share, coverage in ((0.68, m.forecast_coverage_68_500), (0.95, m.forecast_coverage_95_500)):
         # Of a t distribution with this covariance, or of a normal one.
         tailed = np.isfinite(v)
@@ -215,7 +215,7 @@ def test_motion_metrics_at_even_and_uneven_ticks():
     even = measure(pan_swings(EVEN_S, EVEN_S))
     uneven = jittered()
     by_period = np.abs(np.diff(swing_rad(uneven), 2)).max() / PERIOD_S**2
-    assert by_period > 10 * PEAKS["peak_acceleration_rad_s2"], "the nominal period would do as well"
+    assert by_period > 10 * PEAKS["peak_acceleration_rad_s2"], "the nominal period is as accurate"
     live = measure(pan_swings(uneven, uneven))
     for name, peak in PEAKS.items():
         for found in (even, live):

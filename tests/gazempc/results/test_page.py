@@ -57,7 +57,7 @@ def test_values_and_curves_equal_those_of_the_log(logs, tmp_path):
     for curve, log in zip(data["curves"], logs.values(), strict=True):
         assert curve["xs"] == pytest.approx(log.time_s - log.time_s[0], rel=1e-4)
         assert np.array(curve["ys"], float) == pytest.approx(gaze_error_deg(log), rel=1e-4, abs=1e-9, nan_ok=True)
-    # Distinguishable in a print without colours.
+    # Distinguishable in print without colours.
     assert len({path["stroke-dasharray"] for path in soup.select(".legend path")}) == len(logs)
 
 
@@ -102,7 +102,7 @@ def test_events_are_listed_once_with_their_first_times(logs, tmp_path):
         "target_lost, 6 x at 0.00, 0.00, 0.00, 0.00, 0.00, ... s",
     ]
     _, soup = written(page_of(logs), tmp_path)
-    assert soup.find(id="unusual").p.text == "Nothing."
+    assert soup.find(id="unusual").p.text == "None."
 
 
 def test_a_page_of_large_content_stays_small(tmp_path):

@@ -27,7 +27,7 @@ ENDS = {"position_min_deg": -80.06, "position_max_deg": 80.06}
 NECK = with_both(load_neck("reference"), dead_time_s=0.02, natural_frequency_rad_s=60.0, damping_ratio=1.0)
 NECK = NECK.with_axes({"pan": NECK.pan.model_copy(update=ENDS)})
 TICK_RAD = 2 * math.pi / 4096
-# Long enough for a busy machine: an answer that is not lost is never late. Tests that lose some wait less.
+# Reply timeout without false losses on a busy machine; shorter in tests with lost replies.
 PATIENT_MS, HASTY_MS = 2000.0, 200.0
 links = itertools.count()
 
@@ -75,7 +75,7 @@ class Rig:
                 return self.neck.read_state(), failures
             except RobotError:
                 continue
-        raise AssertionError(f"does not come back in {calls} calls")
+        raise AssertionError(f"no recovery in {calls} calls")
 
     def close(self):
         self.neck.close()
@@ -108,7 +108,7 @@ def test_round_trip_within_a_tick_inside_the_limits(tmp_path_factory, command, z
     folder = tmp_path_factory.getbasetemp()
     with rig_in(folder, start=zeros, mode=4, zero_ticks=zeros, directions=directions) as rig:
         sent = rig.neck.send_command(np.array(command))
-        rig.neck.read_state()  # answered after the command has been carried out
+        rig.neck.read_state()  # its reply confirms the execution of the command
         goals = np.array([motor.get("goal") for motor in rig.motors.values()])
         for motor, goal in zip(rig.motors.values(), goals, strict=True):
             motor.set("position", int(goal))
@@ -171,7 +171,7 @@ def test_a_holding_neck_keeps_its_goal(rig):
     goals = rig.goals()
     rig.neck.close()
     for motor in rig.motors.values():
-        motor.set("position", motor.get("goal") - 20)  # it sags under its load
+        motor.set("position", motor.get("goal") - 20)  # deflection under load
         motor.set("profile_velocity", 50)
     rig.neck = rig.another()
     rig.neck.connect()
@@ -236,7 +236,7 @@ def test_a_hardware_error_is_named_without_automatic_restart(rig):
         rig.now_s += 0.11
     assert rig.values("torque") == [1, 0]
     assert list(rig.goals()) == [2048, 2048]
-    rig.motors[2].restart(1800)  # the user has switched it off and on; the head has dropped
+    rig.motors[2].restart(1800)  # power cycle by the user; the head has dropped
     state, failures = rig.recover()
     assert failures > 0
     np.testing.assert_allclose(state.position_rad, [0, (1800 - 2048) * TICK_RAD])

@@ -84,13 +84,13 @@ def test_a_step_gives_the_delayed_second_order_response(damping_ratio, dead_time
 
 
 def test_pan_inertia_follows_the_parallel_axis_theorem():
-    """Not in the plain simulation: tilted up by 45 deg, the head's mass is nearer to the pan axis."""
+    """Tilted up by 45 deg, the head's mass is nearer to the pan axis; the plain simulation has constant inertia."""
     reach_m, tilt_rad = 0.4, np.deg2rad(45.0)
     geometry = Geometry(eye_in_tilt_m=(reach_m, 0.0, 0.0))
     neck = with_both(NECK, dead_time_s=0.0).model_copy(update={"geometry": geometry})
     wn, zeta = neck.pan.natural_frequency_rad_s, neck.pan.damping_ratio
     times, positions = drive(mujoco_neck, neck, lambda t: (0.5, tilt_rad), 2.0, (0.0, tilt_rad))
-    # Head 1 kg, gears 0.1 kg m^2; the ball's and the yoke's own inertia besides. The servo's gains are for tilt 0.
+    # Head 1 kg, gears 0.1 kg m^2; plus inertia of ball and yoke. The servo's gains are for tilt 0.
     other_kg_m2 = 0.1 + 0.001 + 0.4 * 0.09**2
     share = (other_kg_m2 + (reach_m * np.cos(tilt_rad)) ** 2) / (other_kg_m2 + reach_m**2)
     fine = np.arange(2000) * 1e-3

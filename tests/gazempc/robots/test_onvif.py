@@ -47,10 +47,10 @@ def test_the_camera_turns_as_commanded_and_moves_time_out() -> None:
         position = server.plant.true_state().position_rad
         assert position[1] == pytest.approx(-0.4 * position[0], rel=0.3)
         _, x, y = next(move for move in server.moves if move[1])
-        # To the left is negative; shares of the top speeds.
+        # Positive to the right; shares of the top speeds.
         assert (x, y) == pytest.approx((-0.5 / 1.396, -0.2 / 0.873), abs=1e-4)
         assert all("PT1S" in body for body in server.bodies if "ContinuousMove>" in body)
-        # Renewed within the second that a move lasts.
+        # Renewed before the timeout of one second.
         before = len(server.moves)
         feed(robot, (0.5, -0.2), lambda: len(server.moves) > before + 3)
         times = [at for at, *_ in server.moves[before:]]
@@ -124,7 +124,7 @@ def test_the_login_is_read_from_a_file(tmp_path, monkeypatch) -> None:
     assert PASSWORD not in str(caught.value)
 
 
-def test_a_camera_always_reporting_motion_is_driven() -> None:
+def test_a_camera_with_a_permanent_motion_status_is_driven() -> None:
     with connected(QUICK, range_deg=(100.0, -100.0, -25.0, 25.0)) as (server, robot):
         server.says_moving = True
         for speed in (0.5, -0.5, 0.5):
@@ -139,7 +139,7 @@ def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
         server.silent = True
         with pytest.raises(RobotError, match=f"onvif 127.0.0.1:{server.port}"):
             feed(robot, (0.4, 0.0), lambda: False)
-        # Meanwhile the move has ended by itself.
+        # Meanwhile the move has timed out.
         wait_for(lambda: np.abs(server.plant.true_state().velocity_rad_s).max() < 1e-4)
         before = len(server.moves)
         server.silent = False

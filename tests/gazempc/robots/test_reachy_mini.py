@@ -89,8 +89,8 @@ def test_poses_equal_scipy_and_invert_to_their_angles(position, roll_rad):
     np.testing.assert_allclose(head_angles(rolled), position, atol=1e-9)
 
 
-# What the daemon's inverse kinematics (reachy-mini 1.13.0) reaches with all motors within the limits of its model:
-# tilt and the largest pan to both sides, degrees.
+# Reach of the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors within the limits of its model: tilt and
+# the largest pan to both sides, degrees.
 MEASURED = [(-40, 38.5), (-36, 47.5), (-28, 61.5), (0, 102.25), (32, 64.75), (40, 54)]
 
 
@@ -232,7 +232,7 @@ def test_a_command_on_a_lost_connection_raises_and_reconnects(server, make):
     server.frames["head_pose"] = pose(-5, 0)
     server.start()
     sent = wait_for(lambda: works(neck, (0.3, 0.0)))
-    # After an absence its pose is unknown: a new approach, and no old command is sent.
+    # After a loss the pose is unknown: a new approach, without old commands.
     assert sent[0] == pytest.approx(math.radians(-5) + 0.5 * NECK.servo_period_s)
     assert wait_for(neck.read_state) is not None
     late = head_angles(head_of(server.commands()[before]))
@@ -247,7 +247,7 @@ def test_silence_gives_no_reading_then_raises_and_recovers(server, make):
     server.silent = True
     time.sleep(0.4)
     with suppress(RobotError):  # after a pause of a busy machine
-        # The last pose has not been read, but is too old.
+        # The last pose is unread, but stale.
         assert neck.read_state() is None
     wait_for(lambda: (m := refusal(neck)) and "head_pose" in m)
     server.silent = False
@@ -255,7 +255,7 @@ def test_silence_gives_no_reading_then_raises_and_recovers(server, make):
 
 
 @pytest.mark.slow
-def test_a_daemon_that_reads_nothing_does_not_block_the_loop(server, make):
+def test_a_daemon_without_reception_does_not_block_the_loop(server, make):
     neck = make()
     server.deaf.set()
     longest_s = 0.0
@@ -345,7 +345,7 @@ def real_port(tmp_path_factory):
 def test_the_simulated_head_of_the_daemon_reaches_its_commands(real_port):
     neck = ReachyMiniNeck(NECK, time.monotonic, ReachyMiniOptions(port=real_port))
     wait_for(lambda: not isinstance(tried(neck.connect), RobotError), 90.0)
-    # Its wake-up move comes first and ignores targets.
+    # The daemon ignores targets during its wake-up motion.
     time.sleep(4.0)
     try:
         for target_deg in [(20, 0), (-20, 0), (0, 15), (0, -15), (50, 30), (-50, -25), (0, 0)]:

@@ -108,7 +108,7 @@ def test_speeds_between_steps_are_dithered() -> None:
         assert {step for _, step, _ in server.driven} <= {0, 1, 2}
 
 
-def test_a_slow_answer_delays_no_command() -> None:
+def test_a_slow_reply_delays_no_command() -> None:
     def late(_: int, packet: bytes) -> list[bytes]:
         time.sleep(0.1)
         return [packet]
@@ -126,7 +126,7 @@ def test_a_slow_answer_delays_no_command() -> None:
             robot.send_command(np.array([0.5 + 0.3 * (k % 2), 0.1]))
             longest_s = max(longest_s, time.thread_time() - started_s)
             time.sleep(0.005)
-        # Many commands, few packets: one per 0.1 s, each answered.
+        # Many commands, few packets: one per 0.1 s, each with a reply.
         assert k > 20
         assert len(server.driven) - before <= 7
         assert longest_s < 0.05
@@ -141,7 +141,7 @@ def link_through(network: BadNetwork) -> Iterator[ViscaLink]:
 
 
 def test_a_lost_packet_is_resent_with_its_sequence_number_and_executed_once() -> None:
-    """Of each two packets the first is lost, then two of each three answers."""
+    """Of each two packets the first is lost, then two of each three replies."""
     with camera() as (server, _):
         network = BadNetwork(server.address, lambda k, packet: [packet] if k % 2 else [])
         with link_through(network) as link:
@@ -157,7 +157,7 @@ def test_a_lost_packet_is_resent_with_its_sequence_number_and_executed_once() ->
         assert [steps for _, *steps in server.driven] == [[1, 0], [2, 0], [3, 0], [4, 0]]
 
 
-def test_late_and_reordered_answers_are_ignored() -> None:
+def test_late_and_reordered_replies_are_ignored() -> None:
     sent: list[bytes] = []
 
     def again(_: int, packet: bytes) -> list[bytes]:
@@ -176,7 +176,7 @@ def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
     with camera() as (server, plant), connected(server.address) as robot:
         feed(robot, (0.5, 0.0), lambda: plant.true_state().position_rad[0] > 0.05)
         server.silent = True
-        with pytest.raises(RobotError, match=f"visca 127.0.0.1:{server.address[1]}: no answer"):
+        with pytest.raises(RobotError, match=f"visca 127.0.0.1:{server.address[1]}: no reply"):
             feed(robot, (0.5, 0.0), lambda: False)
         before = len(server.driven)
         # Rebooted during the move: its sequence numbers restart.
@@ -189,7 +189,7 @@ def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
         feed(robot, (-0.5, 0.0), lambda: server.driven[-1][1] < 0)
 
 
-def test_a_camera_without_position_answers_gives_no_reading() -> None:
+def test_a_camera_without_position_replies_gives_no_reading() -> None:
     blind = QUICK.model_copy(update={"reports_joints": False})
     with camera(blind) as (server, plant):
         robot = ViscaCamera(f"127.0.0.1:{server.address[1]}", QUICK, time.monotonic, ViscaOptions())
@@ -201,7 +201,7 @@ def test_a_camera_without_position_answers_gives_no_reading() -> None:
 
 
 @pytest.mark.parametrize(("address", "neck"), [("", PTZ), ("host:port", PTZ), ("host:70000", PTZ), ("h", "reference")])
-def test_wrong_addresses_and_a_neck_that_takes_angles_are_refused(address: str, neck) -> None:
+def test_invalid_addresses_and_a_position_controlled_neck_are_refused(address: str, neck) -> None:
     with pytest.raises(SettingsError, match=r"visca:HOST|velocity"):
         ViscaCamera(address, load_neck("reference") if neck == "reference" else neck, time.monotonic, ViscaOptions())
 

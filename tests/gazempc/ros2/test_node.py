@@ -49,7 +49,7 @@ class Driver:
         self.commands = node.subscription("/head/command", command_type)
         self.states = node.publication("/joint_states", STATE)
 
-    def say(self, positions, names=JOINTS, velocities=(), stamp_s=None):
+    def publish(self, positions, names=JOINTS, velocities=(), stamp_s=None):
         message = message_type(STATE)()
         stamp_s = time.time() if stamp_s is None else stamp_s
         message.header.stamp.sec, message.header.stamp.nanosec = int(stamp_s), int(1e9 * (stamp_s % 1.0))
@@ -70,7 +70,7 @@ def connected(made, driver, **fields):
 
     def talk():
         while not stop.wait(0.02):
-            driver.say([0.0, 0.0], robot._names)
+            driver.publish([0.0, 0.0], robot._names)
 
     thread = threading.Thread(target=talk)
     thread.start()
@@ -146,7 +146,7 @@ def test_positions_only_and_a_reversed_joint(node, made):
     assert np.array_equal(robot.send_command(np.array([9.0, 9.0])), NECK.position_max_rad)
     (message,) = wait_for(driver.commands.take)
     assert list(message.data) == [NECK.position_max_rad[0], -NECK.position_max_rad[1]]
-    driver.say([0.1, 0.2], velocities=[1.0, 2.0])
+    driver.publish([0.1, 0.2], velocities=[1.0, 2.0])
     state = wait_for(robot.read_state)
     assert (list(state.position_rad), list(state.velocity_rad_s)) == ([0.1, -0.2], [1.0, -2.0])
 
@@ -159,7 +159,7 @@ def test_speed_commands_follow_positions_and_remove_drift(node, made):
         robot.send_command(np.array([0.002 * k, 0.0]))
         sent += wait_for(driver.commands.take)
     assert sent[50].data[0] == pytest.approx(0.4)  # 0.002 rad a servo period
-    # The joint stands 0.1 rad short of the command that it should have reached by now.
+    # The joint is 0.1 rad short of a command whose dead time is over.
     robot._measured_rad = robot._sent[0] - np.array([0.1, 0.0])
     robot.send_command(np.array([0.6, 0.0]))
     (message,) = wait_for(driver.commands.take)
@@ -177,7 +177,7 @@ def test_foreign_stale_and_missing_joint_states_give_no_reading(node, made):
     time.sleep(0.1)
     robot.read_state()
     now_s = time.time()
-    driver.say([0.4, 0.3, 0.2], ["wheel", "tilt", "pan"], stamp_s=now_s)
+    driver.publish([0.4, 0.3, 0.2], ["wheel", "tilt", "pan"], stamp_s=now_s)
     assert list(wait_for(robot.read_state).position_rad) == [0.2, 0.3]
     ignored = robot.ignored
     for names, positions, stamp_s in (
@@ -187,7 +187,7 @@ def test_foreign_stale_and_missing_joint_states_give_no_reading(node, made):
         (JOINTS, [0.0, 0.0], now_s),
         (JOINTS, [0.0, 0.0], now_s - 3600.0),
     ):
-        driver.say(positions, names, stamp_s=stamp_s)
+        driver.publish(positions, names, stamp_s=stamp_s)
 
     def all_refused():
         robot.read_state()
@@ -197,7 +197,7 @@ def test_foreign_stale_and_missing_joint_states_give_no_reading(node, made):
     time.sleep(0.35)
     with pytest.raises(RobotError, match=r"no joint state on /joint_states for more than 0\.3 s"):
         robot.read_state()
-    driver.say([0.1, 0.1])
+    driver.publish([0.1, 0.1])
     assert wait_for(robot.read_state).position_rad[0] == 0.1
 
 

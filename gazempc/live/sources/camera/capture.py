@@ -22,7 +22,7 @@ from gazempc.part_options import make
 from gazempc.parts import Kind, is_own
 from gazempc.settings import Settings
 
-# Webcams have 55 to 78 degrees.
+# Typical webcams: 55 to 78 degrees.
 LIKELY_FOV_DEG = 65.0
 
 
@@ -46,19 +46,19 @@ class CameraOptions(Settings):
     )
 
 
-# A driver's own stamp of a picture is used if it is on the clock of `time.monotonic` and no older than this.
+# Maximum age of a driver's stamp on the clock of `time.monotonic`.
 _STAMP_AGE_MAX_S = 1.0
-# How long to wait before a camera that gives no picture is opened again.
+# Time before a camera without pictures is reopened.
 _RETRY_S = 1.0
 # Timeouts of a network camera: without a picture, and with an unchanged picture.
 _SILENT_S, _SAME_S = 2.0, 1.0
-# A stream that is later than its fastest picture of the last minute by this much falls behind.
+# Lag behind the fastest picture of the last minute at which a stream is reopened.
 _LAG_S, _LAG_OVER_S = 0.5, 60.0
-# A picture of a file that is later than this is left out.
+# Maximum lateness of a picture of a file; later ones are skipped.
 _LATE_S = 0.05
 
 
-# User and password of an address, where the password is not the name of an environment variable.
+# User and plain password of an address, in place of the name of an environment variable.
 _PLAIN_PASSWORD = re.compile(r"://[^/@\s:]*:[^/@\s$][^/@\s]*@")
 
 
@@ -66,7 +66,7 @@ def check_address(address: str) -> None:
     """Refuse the address of a stream with a password: it would be in the log, the report and the list of processes.
 
     Raises:
-        SourceError: If it has one that is not the name of an environment variable.
+        SourceError: If it contains a password; the name of an environment variable is accepted.
     """
     if _PLAIN_PASSWORD.search(address):
         raise SourceError(
@@ -81,7 +81,7 @@ class Picture:
 
     Attributes:
         rgb: Shape (height, width, 3), uint8.
-        captured_s: When it was captured, on the clock of `time.monotonic`, seconds.
+        captured_s: Capture time on the clock of `time.monotonic`, seconds.
     """
 
     rgb: Any
@@ -92,28 +92,28 @@ CAMERA = Kind(
     "camera",
     {},
     {
-        "read": "read() -> (RGB picture, its time of capture by time.monotonic()); waits for one; None at the end",
-        "close": "close(): lets the camera go",
+        "read": "read() -> (RGB picture, its time of capture by time.monotonic()); blocks; None at the end",
+        "close": "close(): releases the camera",
     },
 )
 
 
 class Pictures(Protocol):
-    """Gives pictures."""
+    """A stream of pictures."""
 
     def read(self) -> Picture | Notice | str | None:
-        """The newest picture that was not read before; waits for one.
+        """The newest unread picture; blocks until it arrives.
 
         Returns:
-            The picture; a text or a notice if something is wrong for now; None if nothing more will come.
+            The picture; a text or a notice for a transient problem; None at the end.
         """
 
     def close(self) -> None:
-        """Let the camera go."""
+        """Release the camera."""
 
 
 class VideoFile:
-    """A video as if it were captured now, counted from its first picture. What comes too late is left out.
+    """Real-time playback of a video, from its first picture; late pictures are skipped.
 
     Args:
         path: The file.
@@ -126,7 +126,7 @@ class VideoFile:
         self._cv2 = import_opencv()
         self._video = self._cv2.VideoCapture(str(path))
         if not self._video.isOpened():
-            raise SourceError(f"source camera:{path}: OpenCV cannot read this file; needed is a video")
+            raise SourceError(f"source camera:{path}: OpenCV cannot read this file; expected a video")
         self._start_s: float | None = None
 
     def read(self) -> Picture | str | None:
@@ -155,11 +155,11 @@ class StreamWatch:
 
     def __init__(self) -> None:
         self._picture, self._since_s, self.frozen = b"", -math.inf, False
-        # Arrival, and by how much it was later than the stamp; ascending in both.
+        # Arrival time, and delay after the stamp; ascending in both.
         self._offsets: deque[tuple[float, float]] = deque()
 
     def is_same(self, bgr: Any, arrived_s: float) -> bool:
-        """Whether the stream has shown one picture for a second.
+        """Whether the picture is unchanged for a second.
 
         Args:
             bgr: The picture.
@@ -171,7 +171,7 @@ class StreamWatch:
         return arrived_s - self._since_s > _SAME_S
 
     def lag_s(self, stamp_s: float, arrived_s: float) -> float:
-        """By how much a picture is later than the one that came fastest in the last minute.
+        """Delay of a picture relative to the minimum delay of the last minute, seconds.
 
         Args:
             stamp_s: The stream's stamp, seconds on any clock.
@@ -187,14 +187,14 @@ class StreamWatch:
 
 
 class Camera:
-    """A camera of this computer, or a stream from the network. A thread takes all pictures; `read` gives the newest.
+    """A camera of this computer, or a stream from the network. A thread reads all pictures; `read` returns the newest.
 
-    The time of capture is the stamp of Linux's driver; elsewhere the time of arrival, less what an RTSP stream
-    is behind by its own stamps.
+    The capture time is the stamp of the Linux driver; elsewhere the arrival time, minus the lag of an RTSP stream by
+    its own stamps.
 
     Args:
-        address: A number or nothing for the first one, a device such as ``/dev/video2``, or a URL.
-        options: What to ask of it.
+        address: A number (empty: the first camera), a device such as ``/dev/video2``, or a URL.
+        options: Options of the camera.
 
     Raises:
         SourceError: If it cannot be opened.
@@ -240,10 +240,10 @@ class Camera:
     def _open(self) -> Any:
         cv2, options = self._cv2, self._options
         if not isinstance(self._address, int) and "://" in self._address:
-            # A password in the environment stands in no list of processes, log or message.
+            # A password in the environment appears in no list of processes, log or message.
             return cv2.VideoCapture(os.path.expandvars(self._address), cv2.CAP_FFMPEG)
         camera = cv2.VideoCapture(self._address)
-        # MJPEG passes any USB port at full rate; what a camera cannot do it leaves as it is.
+        # MJPEG passes any USB port at full rate; a camera ignores unsupported settings.
         camera.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
         camera.set(cv2.CAP_PROP_FRAME_WIDTH, options.width)
         camera.set(cv2.CAP_PROP_FRAME_HEIGHT, options.height)
@@ -260,14 +260,14 @@ class Camera:
                 elif fine:
                     self._take_streamed(bgr, captured_s)
                 continue
-            self._give(f"camera {self._address}: no picture comes; trying to open it again")
+            self._give(f"camera {self._address}: no picture; it is reopened")
             self._open_again(_RETRY_S)
         self._camera.release()
 
     def _take_streamed(self, bgr: Any, arrived_s: float) -> None:
         watch, lag_s = self._watch, 0.0
         if str(self._address).startswith("rtsp"):
-            # Other streams have made-up stamps.
+            # Stamps of other streams are artificial.
             lag_s = watch.lag_s(1e-3 * float(self._camera.get(self._cv2.CAP_PROP_POS_MSEC)), arrived_s)
         if watch.is_same(bgr, arrived_s):
             if not watch.frozen:
@@ -300,7 +300,7 @@ class Camera:
 
 
 class OwnCamera:
-    """A camera of the user's own.
+    """A user-defined camera.
 
     Args:
         choice: ``module:Class``.
@@ -328,7 +328,7 @@ def open_pictures(address: str, options: CameraOptions, own: Mapping[str, Any] |
 
     Args:
         address: A number or nothing for the first camera, a device, a video file, a stream's URL, or module:Class.
-        options: What to ask of it.
+        options: Options of the camera.
         own: Values for the constructor of a user-defined camera.
 
     Returns:

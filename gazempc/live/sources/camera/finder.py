@@ -22,22 +22,22 @@ _ROOM = 2.5
 # pixels, with 60 degrees in view) is still found in them. A face nearer than 1 m is larger than their overlap. It is
 # found in the whole picture.
 _SQUARE = 2.0 / 3.0
-_LOOKS = 2  # squares a picture
-# A new face must be found twice, once in its own cut-out, as surely as this; one that is followed, less surely. With
-# these, none was found in 44 pictures without people, and a dim webcam's person at 3 m in each of 18.
+_SEARCHED = 2  # squares per picture
+# Minimum scores: of a new face, of its second detection in its own cut-out, and of a tracked face. With these,
+# none was found in 44 pictures without people, and a dim webcam's person at 3 m in each of 18.
 _NEW_SCORE, _SURE_SCORE, _KNOWN_SCORE = 0.4, 0.5, 0.35
 # Hair, necks and bald heads from behind score as high as faces, in up to three pictures of a video in a row, but their
 # mirror images do not: at this score 22 % of them pass, and 76 % of faces of 20 to 50 pixels (labelled pedestrians).
 _MIRRORED_SCORE = 0.4
 # Confirmation of a new face: consecutive pictures, and duration. Key points alone discriminate badly.
 _CONFIRMED_BY, _CONFIRMED_S = 3, 0.2
-# A face that is followed is checked by its mirror image, too, where it is this unsure: the person may turn away.
+# Below this score a tracked face is also checked by its mirror image: the person may turn away.
 _UNSURE_SCORE, _UNSURE_MIRRORED_SCORE = 0.5, 0.3
 # Minimum width of a face (8 m, with 640 pixels of 60 degrees): smaller ones are confused with magnified noise.
 _LEAST_PX = 12
 # Lifetime of a track without detections; on a slow computer at least until the next picture.
-_REMEMBERED_S = 1.0
-# A face that is found again is the same one within this many of its widths, and this change of its width.
+_TRACK_LIFETIME_S = 1.0
+# Bounds of re-identification: displacement in widths of the face, and change of its width.
 _SAME_WIDTHS, _SAME_CHANGE = 3.0, 1.5
 
 
@@ -47,11 +47,11 @@ class Detector(Protocol):
     def faces(
         self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
     ) -> list[Face]:
-        """Faces in a square of a picture, the surest first."""
+        """Faces in a square of a picture, highest score first."""
 
 
 @dataclass(frozen=True, eq=False)
-class Followed:
+class FaceTrack:
     """Track of a face.
 
     Attributes:
@@ -83,20 +83,20 @@ class Followed:
 
 
 class FaceFinder:
-    """Finds faces, and follows them.
+    """Detects and tracks faces.
 
     Args:
-        detector: Finds faces in a square.
+        detector: Detects faces in a square.
     """
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector
-        self._known: list[Followed] = []
+        self._known: list[FaceTrack] = []
         self._names = itertools.count(1)
         self._turn = 0
         self._latest_s = -math.inf
 
-    def see(self, picture: Any, time_s: float) -> list[Followed]:
+    def see(self, picture: Any, time_s: float) -> list[FaceTrack]:
         """Process one picture.
 
         Args:
@@ -106,11 +106,11 @@ class FaceFinder:
         Returns:
             The tracks with a face in it.
         """
-        since_s = min(time_s - _REMEMBERED_S, self._latest_s)
+        since_s = min(time_s - _TRACK_LIFETIME_S, self._latest_s)
         self._latest_s = time_s
         known = [person for person in self._known if person.seen_s >= since_s]
-        here: list[Followed] = []
-        lost: list[Followed] = []
+        here: list[FaceTrack] = []
+        lost: list[FaceTrack] = []
         for person in known:
             found = self._follow(picture, person, time_s)
             # Duplicate tracks of one face: the older one is kept.
@@ -122,7 +122,7 @@ class FaceFinder:
             for face in self._detector.faces(picture, corner_px, side_px, _NEW_SCORE):
                 if any(_overlap(face, other.face) for other in here):
                     continue
-                sure = self._closely(picture, face.box_px[:2], max(face.box_px[2:]), _SURE_SCORE)
+                sure = self._near(picture, face.box_px[:2], max(face.box_px[2:]), _SURE_SCORE)
                 if sure is None or any(_overlap(sure[0], other.face) for other in here):
                     continue
                 if self._is_face_mirrored(picture, sure[0], _MIRRORED_SCORE):
@@ -132,24 +132,24 @@ class FaceFinder:
         self._known = here + lost
         return [person for person in here if person.person_id]
 
-    def _follow(self, picture: Any, person: Followed, time_s: float) -> tuple[Face, int] | None:
+    def _follow(self, picture: Any, person: FaceTrack, time_s: float) -> tuple[Face, int] | None:
         middle_px = person.middle_at(time_s)
-        found = self._closely(picture, middle_px, person.width_px, _KNOWN_SCORE)
+        found = self._near(picture, middle_px, person.width_px, _KNOWN_SCORE)
         if found is not None:
             if person.person_id and found[0].score >= _UNSURE_SCORE:
                 return found
             score_min = _UNSURE_MIRRORED_SCORE if person.person_id else _MIRRORED_SCORE
             return found if self._is_face_mirrored(picture, found[0], score_min) else None
-        if not person.person_id or person.seen_s < time_s - 0.5 * _REMEMBERED_S:
+        if not person.person_id or person.seen_s < time_s - 0.5 * _TRACK_LIFETIME_S:
             return None
         # The camera may have turned with the head: repeat in a larger window.
         side_px = _square_px(picture.shape[0])
         for face in self._detector.faces(picture, _corner(middle_px, side_px), side_px, _NEW_SCORE):
             if _same(face, [person], time_s):
-                return self._closely(picture, face.box_px[:2], max(face.box_px[2:]), _KNOWN_SCORE)
+                return self._near(picture, face.box_px[:2], max(face.box_px[2:]), _KNOWN_SCORE)
         return None
 
-    def _closely(
+    def _near(
         self, picture: Any, middle_px: FloatArray, width_px: float, score_min: float, mirrored: bool = False
     ) -> tuple[Face, int] | None:
         """The face near a position, and the side of its search window."""
@@ -168,21 +168,21 @@ class FaceFinder:
         return (near[0], side_px) if near else None
 
     def _is_face_mirrored(self, picture: Any, face: Face, score_min: float) -> bool:
-        return self._closely(picture, face.box_px[:2], max(face.box_px[2:]), score_min, mirrored=True) is not None
+        return self._near(picture, face.box_px[:2], max(face.box_px[2:]), score_min, mirrored=True) is not None
 
-    def _found(self, before: Followed | None, face: Face, side_px: int, time_s: float) -> Followed:
+    def _found(self, before: FaceTrack | None, face: Face, side_px: int, time_s: float) -> FaceTrack:
         if before is None:
-            return Followed("", face, time_s, np.zeros(2), side_px, time_s, 1)
+            return FaceTrack("", face, time_s, np.zeros(2), side_px, time_s, 1)
         velocity_px_s = (face.box_px[:2] - before.face.box_px[:2]) / (time_s - before.seen_s)
         name, since_s, pictures = before.person_id, before.since_s, before.pictures + 1
         if not name and pictures >= _CONFIRMED_BY and time_s - since_s >= _CONFIRMED_S:
             name = str(next(self._names))
-        return Followed(name, face, time_s, velocity_px_s, side_px, since_s, pictures)
+        return FaceTrack(name, face, time_s, velocity_px_s, side_px, since_s, pictures)
 
     def _next_squares(self, width: int, height: int) -> list[tuple[tuple[int, int], int]]:
         squares = search_squares(width, height)
-        chosen = [squares[(self._turn + k) % len(squares)] for k in range(_LOOKS)]
-        self._turn = (self._turn + _LOOKS) % len(squares)
+        chosen = [squares[(self._turn + k) % len(squares)] for k in range(_SEARCHED)]
+        self._turn = (self._turn + _SEARCHED) % len(squares)
         return chosen
 
 
@@ -221,11 +221,11 @@ def _overlap(one: Face, other: Face) -> bool:
     return bool(np.all(np.abs(one.box_px[:2] - other.box_px[:2]) < 0.5 * np.maximum(one.box_px[2:], other.box_px[2:])))
 
 
-def _same(face: Face, lost: list[Followed], time_s: float) -> Followed | None:
+def _same(face: Face, lost: list[FaceTrack], time_s: float) -> FaceTrack | None:
     """Re-identification: the nearest lost track."""
     width_px = float(max(face.box_px[2:]))
 
-    def away(person: Followed) -> float:
+    def away(person: FaceTrack) -> float:
         return min(math.dist(face.box_px[:2], p) for p in (person.middle_at(time_s), person.face.box_px[:2]))
 
     like = [p for p in lost if max(width_px / p.width_px, p.width_px / width_px) < _SAME_CHANGE]
@@ -237,7 +237,7 @@ class FaceSensor:
     """Observes all people with detected faces.
 
     Args:
-        detector: Finds faces in a square of a picture.
+        detector: Detects faces in a square of a picture.
         intrinsics: Camera intrinsics.
     """
 
@@ -246,14 +246,14 @@ class FaceSensor:
         self._intrinsics = intrinsics
 
     def see(self, picture: Any, time_s: float) -> list[HeadObservation]:
-        """Take one picture in.
+        """Process one picture.
 
         Args:
             picture: RGB, shape (height, width, 3), uint8.
-            time_s: When it was captured, seconds; later than the last one.
+            time_s: Capture time, seconds; strictly increasing.
 
         Returns:
-            Each person, by name, in the camera's frame: x along the view, y left, z up.
+            One observation per named person, in the camera's frame: x along the view, y left, z up.
         """
         heads = []
         for person in self._finder.see(picture, time_s):

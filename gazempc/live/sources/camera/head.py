@@ -13,7 +13,7 @@ from predictors import HeadObservation
 from predictors.geometry import bearing_covariance
 
 # Mean adult, metres from the point between the eyes: x to the front, y to the person's left, z up. Pupils: 63 mm apart
-# (Dodgson 2004). Ears (tragion): 140 mm apart (ANSUR II, mean of women and men). The others are round figures.
+# (Dodgson 2004). Ears (tragion): 140 mm apart (ANSUR II, mean of women and men). Other values are rounded.
 _FACE_M = np.array(
     [
         [0.0, -0.0315, 0.0],  # right eye
@@ -28,16 +28,16 @@ _FACE_M = np.array(
 _SHAPE_SD_M = np.array([0.003, 0.003, 0.006, 0.006, 0.012, 0.012])
 # Standard deviation of the network's points, as a share of the side of its input square.
 POINT_SD = 0.01
-# Below this score, such as of faces turned away by 60 degrees, points are worse than that: at 0.4 twice as bad.
+# Below this score, such as of faces turned away by 60 degrees, the error grows: at 0.4 it is twice as large.
 _SURE_SCORE = 0.7
 # Sizes of adults' heads (standard deviation of the distance between the pupils: 6 %; Dodgson 2004), and children.
 _SIZE_SD = 0.10
-# Heads in front of a camera: mostly upright, and a face that is turned away further is not found.
+# Prior of head rotation: mostly upright; faces turned farther are not detected.
 _YAW_SD_RAD, _PITCH_SD_RAD, _ROLL_SD_RAD = math.radians(35.0), math.radians(12.0), math.radians(12.0)
-# The face's own geometry limits a bearing: the point between the eyes is not a mark on the skin.
+# Bearing error from the face's geometry: the point between the eyes is no landmark.
 _BEARING_SD_M = 0.004
 _BEARING_SD_RAD = math.radians(0.08)
-# Largest standard deviation of a yaw that is useful for forecasts.
+# Maximum standard deviation of a useful yaw.
 _YAW_SD_MAX_RAD = math.radians(20.0)
 
 

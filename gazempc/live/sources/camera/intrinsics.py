@@ -15,10 +15,10 @@ from gazempc.files.documents import parse_yaml, read_settings
 from gazempc.live.sources.camera.blazeface import import_opencv
 from gazempc.types import FloatArray
 
-# As OpenCV's own calibration programs, ROS's camera_calibration and usual scripts call them.
+# Names in files of OpenCV's calibration programs, ROS's camera_calibration and common scripts.
 _MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "mtx")
 _DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "Distortion_Coefficients", "D", "dist")
-# Sizes whose shapes differ by less are of one shape: sizes are whole numbers.
+# Tolerance of the aspect ratio, as sizes are whole numbers.
 _SAME_SHAPE = 0.01
 _SIZE_NAMES = (("image_width", "image_height"), ("imageWidth", "imageHeight"), ("width", "height"))
 
@@ -52,7 +52,7 @@ class Intrinsics:
         return np.asarray(-straight, dtype=np.float64)
 
     def half_view_rad(self, width: int, height: int) -> tuple[float, float]:
-        """Half of a picture's width and height, on the side that is farther from the line of view, radians."""
+        """Half of a picture's width and height, on the wider side of the optical axis, radians."""
         edges = np.array([[-0.5, (height - 1) / 2], [width - 0.5, (height - 1) / 2]])
         ends = np.array([[(width - 1) / 2, -0.5], [(width - 1) / 2, height - 0.5]])
         across, along = np.abs(self.rays(edges)[:, 0]).max(), np.abs(self.rays(ends)[:, 1]).max()
@@ -85,14 +85,14 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
 
     Args:
         path: YAML, XML or JSON as OpenCV's FileStorage writes it, or YAML of ROS's camera_calibration.
-        width: Width of the pictures, pixels. A calibration at another size is scaled where the shape is the same.
+        width: Width of the pictures, pixels. A calibration at another size is scaled if the aspect ratio is equal.
         height: Height, pixels.
 
     Returns:
         The camera.
 
     Raises:
-        SettingsError: If the file cannot be read, lacks the camera matrix, or is of pictures of another shape.
+        SettingsError: If the file cannot be read, lacks the camera matrix, or is of pictures of another aspect ratio.
     """
     values = _values(path)
     matrix = next((values[name] for name in _MATRIX_NAMES if name in values), None)
@@ -101,7 +101,7 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
         raise SettingsError(f"--camera.calibration {path}: no camera matrix; accepted names: {names}")
     if matrix.size != 9 or not np.isfinite(matrix).all() or not (matrix.flat[0] > 0 and matrix.flat[4] > 0):
         raise SettingsError(
-            f"--camera.calibration {path}: the camera matrix is {matrix.tolist()}; needed are 3 x 3 numbers with "
+            f"--camera.calibration {path}: the camera matrix is {matrix.tolist()}; expected 3 x 3 numbers with "
             "positive focal lengths"
         )
     matrix = np.array(matrix.reshape(3, 3))
@@ -111,11 +111,11 @@ def from_calibration(path: Path, width: int, height: int) -> Intrinsics:
     if abs(made[0] * height - made[1] * width) > _SAME_SHAPE * made[1] * width:
         raise SettingsError(
             f"--camera.calibration {path}: made for pictures of {made[0]:.0f} x {made[1]:.0f} pixels, but the camera "
-            f"gives {width} x {height}, which have another shape: set --camera.width and --camera.height"
+            f"gives {width} x {height}, another aspect ratio: set --camera.width and --camera.height"
         )
     scale = width / made[0]
     matrix[:2] *= scale
-    # Pixels are counted from the middle of the first one, lengths from its edge.
+    # Pixel coordinates count from the centre of the first pixel, lengths from its edge.
     matrix[:2, 2] += 0.5 * (scale - 1.0)
     return Intrinsics(matrix, distortion.ravel())
 
@@ -140,7 +140,7 @@ def _values(path: Path) -> dict[str, FloatArray]:
             raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it; needed: .yml, .xml or .json")
         nodes = {name: node for name in names if not (node := storage.getNode(name)).empty()}
         return {name: np.asarray(node.mat() if name in matrices else node.real()) for name, node in nodes.items()}
-    except (cv2.error, SystemError) as error:  # which one depends on the damage
+    except (cv2.error, SystemError) as error:  # depending on the damage
         cause = error.__cause__ or error
         why = getattr(cause, "err", "") or cause
         raise SettingsError(f"--camera.calibration {path}: OpenCV cannot read it ({why})") from None
@@ -151,7 +151,7 @@ def _is_numbers(value: object) -> bool:
 
 
 def _plain_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file that is not OpenCV's own, as ROS writes it; empty if it is OpenCV's."""
+    """Parse a YAML file of ROS; empty for one of OpenCV."""
     if path.suffix not in (".yaml", ".yml"):
         return {}
     text = read_settings(path)

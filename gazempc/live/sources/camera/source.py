@@ -21,7 +21,7 @@ from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.types import Sighting
 from predictors import HeadObservation
 
-# Cameras take some seconds to wake up, and a busy or small computer takes longer to start the process.
+# Timeout of the first picture: cameras start in some seconds, the process more slowly on a busy or small computer.
 _OPENS_WITHIN_S = 60.0
 _ENDS_WITHIN_S = 3.0
 
@@ -30,13 +30,13 @@ class CameraSource:
     """Detects and tracks faces in the pictures of a camera, in a separate process.
 
     Positions are those of the point between the eyes, in the camera's frame: x along the view, y left, z up. They state
-    their covariance: the direction is known well, the distance by the size of the face. Without a person in view it
-    sends nothing.
+    their covariance: accurate direction, and distance from the size of the face. Without a person in view nothing is
+    sent.
 
     Args:
         address: A number or nothing for the first camera, a device, a video file, a stream's URL, or module:Class for a
             camera of your own.
-        options: What to ask of it.
+        options: Options of the camera.
         clock: The loop's clock.
         own: Values for the constructor of a user-defined camera.
 
@@ -64,10 +64,10 @@ class CameraSource:
         self._watch: Callable[[Moment], None] | None = None
 
     def show_to(self, watch: Callable[[Moment], None]) -> None:
-        """Give small pictures to a listener, too; call it before `open`.
+        """Also send small pictures to a listener; call before `open`.
 
         Args:
-            watch: Takes them in the thread of the run, and returns at once.
+            watch: Called with each in the thread of the run; must return at once.
         """
         self._watch = watch
 
@@ -104,7 +104,7 @@ class CameraSource:
 
     @property
     def finished(self) -> bool:
-        """See `gazempc.live.sources.source.Source.finished`: True at the end of a file, or without its process."""
+        """See `gazempc.live.sources.source.Source.finished`: True at the end of a file, or of the process."""
         return self._ended
 
     def close(self) -> None:
@@ -133,12 +133,12 @@ class CameraSource:
         raise SourceError(f"{name}: no picture within {_OPENS_WITHIN_S:.0f} s; is another program using it?")
 
     def _next(self, wait_s: float = 0.0) -> Message | None:
-        """The next message; None if none comes within a time."""
+        """The next message; None after a timeout."""
         if self._messages is None or self._ended:
             return None
         try:
             message: Message | None = self._messages.recv() if self._messages.poll(wait_s) else None
         except (EOFError, OSError):
-            message = Failed("the process of the camera has gone")
+            message = Failed("the process of the camera has ended")
         self._ended = isinstance(message, Failed)
         return message

@@ -1,4 +1,4 @@
-"""The process of the camera source: it captures, finds people, and sends observations and small pictures."""
+"""The process of the camera source: capture, face detection, and transmission of observations and small pictures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gazempc.results.moments import PictureMoment
 from predictors import HeadObservation
 
 _WINDOW_S, _LEAST_PICTURES, _LEAST_FACES = 4.0, 4, 3
-# The search takes most of the time between two pictures; on a busy computer decoding takes the rest.
+# Share of the picture interval above which the search limits the rate; decoding may take the rest.
 _BUSY = 0.6
 
 
@@ -42,12 +42,12 @@ class FaceRate:
         """Add a picture.
 
         Args:
-            captured_s: When it was captured, seconds; later than the one before.
-            found: Whether a face was found in it.
+            captured_s: Capture time, seconds; increasing.
+            found: Whether it contains a detected face.
             search_s: Time of the search, seconds.
 
         Returns:
-            Why fewer than six faces a second are found; empty if that is not so, or was returned before.
+            Cause of a rate below six faces a second; empty at a higher rate, and after the first report.
         """
         self._first_s = captured_s if self._first_s is None else self._first_s
         self._pictures.append((captured_s, found, search_s))
@@ -92,10 +92,10 @@ def _small(cv2: Any, rgb: Any) -> bytes:
 
 @dataclass(frozen=True)
 class Opened:
-    """The first picture has come.
+    """Message after the first picture.
 
     Attributes:
-        about: What the camera is, for people.
+        about: Description of the camera.
         half_view_rad: Half of the pictures' width and height, radians.
     """
 
@@ -105,30 +105,30 @@ class Opened:
 
 @dataclass(frozen=True)
 class Failed:
-    """Nothing more will come.
+    """Last message.
 
     Attributes:
-        why: What went wrong; empty at the end of a file.
+        why: The error; empty at the end of a file.
     """
 
     why: str = ""
 
 
-# Times of capture are on the clock of `time.monotonic`; a text is something that was wrong for a moment.
+# Capture times are on the clock of `time.monotonic`; a text is a transient problem.
 Message = Opened | Failed | HeadObservation | Notice | PictureMoment | str
 
 
 def serve(parent: Connection, address: str, options: CameraOptions, shows: bool, own: Mapping[str, Any] | None) -> None:
-    """Work until nothing more comes or the parent is gone.
+    """Work until the end of the pictures or of the parent process.
 
     Args:
         address: See `gazempc.live.sources.camera.capture.open_pictures`.
-        options: What to ask of the camera.
-        parent: Where messages go.
-        shows: Whether small pictures go there, too.
+        options: Options of the camera.
+        parent: Pipe for messages.
+        shows: Whether small pictures are also sent.
         own: Values for the constructor of a user-defined camera.
     """
-    # The camera is let go in order.
+    # The camera is always released.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         try:
@@ -161,7 +161,7 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
                 parent.send(Opened(about, intrinsics.half_view_rad(width, height)))
             captured_s = picture.captured_s - 1e-3 * options.latency_ms
             if captured_s <= latest_s:
-                continue  # a driver that gives a picture twice
+                continue  # a repeated picture
             latest_s = captured_s
             started_s = time.perf_counter()
             observations = sensor.see(picture.rgb, captured_s)
@@ -177,7 +177,7 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
 
 
 def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, str]:
-    """Which way each pixel looks, and a line about it."""
+    """Camera intrinsics, and their description."""
     about = f"{width} x {height} pixels, "
     if options.calibration is not None:
         return from_calibration(options.calibration, width, height), f"{about}calibrated by {options.calibration}"
@@ -185,6 +185,6 @@ def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, 
     if options.fov_deg is not None:
         return intrinsics, f"{about}{options.fov_deg:g} degrees across"
     return intrinsics, (
-        f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: directions and distances are wrong by as much as this is; "
+        f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: its error scales directions and distances; "
         "set --camera.fov-deg, or give --camera.calibration"
     )

@@ -1,4 +1,4 @@
-// What is drawn: the scene from above, what the eye sees, and lines over time.
+// Drawings: the scene from above, the robot's view, and lines over time.
 
 const CONTACT_DEG = 2.6;
 const VIEW_DEG = 15;
@@ -34,7 +34,7 @@ function path(context, points, colour, width = 2) {
   context.stroke();
 }
 
-// The robot is at the bottom and looks up: x up, y to the left. The scale only ever gives way, so that it is calm.
+// The robot is at the bottom and looks up: x up, y to the left. The range only grows, for a steady scale.
 let reachM = 3;
 export function drawAbove(canvas, state) {
   const { context, width, height, colour } = prepared(canvas);
@@ -98,7 +98,7 @@ export function drawEye(canvas, state) {
   const forecast = state.forecast_in_view_deg;
   if (forecast.length) path(context, [state.in_view_deg, ...forecast].map(at), colour("forecast"), 1.5);
   const [x, y] = at(state.in_view_deg);
-  // Outside the picture it is drawn at its edge, hollow.
+  // A head outside of the picture is a hollow circle at its edge.
   const inside = [Math.min(Math.max(x, 8), width - 8), Math.min(Math.max(y, 8), height - 8)];
   const name = state.true_m ? "true" : "seen";
   if (inside[0] === x && inside[1] === y) {
@@ -112,8 +112,8 @@ export function drawEye(canvas, state) {
   }
 }
 
-// rows: [time, ...values]; lines: [column, colour, dashed]; a dashed line at `mark`. The scale reaches from `least` to at
-// most `cap`: what is beyond runs along the top.
+// rows: [time, ...values]; lines: [column, colour, dashed]; a dashed line at `mark`. The scale ends between `least` and
+// `cap`; larger values are clamped.
 export function drawLines(canvas, rows, lines, events, mark, least, cap) {
   const { context, width, height, colour } = prepared(canvas);
   if (!rows.length) return;

@@ -1,4 +1,4 @@
-// Reads the state of the run as it comes, and shows it. A lost connection is made again.
+// Shows the state of the run from server-sent events, with reconnection.
 
 import { drawAbove, drawEye, drawLines } from "./charts.js";
 
@@ -8,7 +8,7 @@ const STALE_MS = 2000;
 
 const at = (id) => document.getElementById(id);
 const text = (id, value) => { if (at(id).textContent !== value) at(id).textContent = value; };
-const number = (value, digits, unit) => (value === null || value === undefined ? "not known" : `${value.toFixed(digits)} ${unit}`);
+const number = (value, digits, unit) => (value === null || value === undefined ? "unknown" : `${value.toFixed(digits)} ${unit}`);
 
 let state = null;
 let rows = [];
@@ -51,7 +51,7 @@ function connect() {
   });
   source.onerror = () => {
     if (!over) connection("connection lost; trying again", true);
-    // The browser tries again by itself, unless it has given up.
+    // The browser reconnects by itself, unless the source is closed.
     if (source.readyState === EventSource.CLOSED) setTimeout(connect, AGAIN_MS);
   };
 }
@@ -62,7 +62,7 @@ function showNumbers() {
   text("person", age === null ? "not seen yet" : age > 1 ? `lost for ${age.toFixed(1)} s` : `${where} away, seen ${Math.round(1000 * age)} ms ago`);
   text("error", number(state.error_deg, 2, "deg"));
   text("latency", number(state.latency_ms, 0, "ms"));
-  text("late", `${number(state.late_ms, 2, "ms")}; ${state.skipped_ticks} left out`);
+  text("late", `${number(state.late_ms, 2, "ms")}; ${state.skipped_ticks} skipped`);
   text("joints", Object.entries(state.joints_deg).map(([name, deg]) => `${name.replace("_", " ")} ${deg.toFixed(1)}°`).join(", "));
   text("time", number(state.time_s, 1, "s"));
 }
@@ -97,7 +97,7 @@ function draw() {
     drawEye(at("eye"), state);
     drawLines(at("errors"), rows, [[1, "forecast"]], state.events, 2.6, 5, 15);
     drawLines(at("times"), rows, [[2, "forecast"], [3, "gaze", true]], [], 0, 10, 250);
-    if (!over && Date.now() - heard > STALE_MS) connection("nothing new from the run", true);
+    if (!over && Date.now() - heard > STALE_MS) connection("no data from the run", true);
   }
 }
 

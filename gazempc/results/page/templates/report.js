@@ -1,5 +1,5 @@
 "use strict";
-// Curves that can be read and zoomed: each figure has its data as JSON, and its legend as buttons.
+// Charts with cursor and zoom: each figure has its data as JSON, and its legend as buttons.
 for (const figure of document.querySelectorAll("figure.chart")) {
   const data = JSON.parse(figure.querySelector("script").textContent);
   const svg = figure.querySelector("svg");
@@ -9,7 +9,7 @@ for (const figure of document.querySelectorAll("figure.chart")) {
   let width = 900;
   const all = data.curves.flatMap((curve) => [curve.xs[0], curve.xs[curve.xs.length - 1]]).filter(Number.isFinite);
   const whole = all.length ? [Math.min(...all), Math.max(...all)] : [0, 1];
-  // Few points are results of their own: each gets a mark, and none stands on the edge.
+  // Charts of few points have markers, and a margin.
   const few = data.curves.every((curve) => curve.xs.length <= 200 && data.spans.length === 0);
   const margin = whole[0] === whole[1] ? 0.5 : few ? 0.03 * (whole[1] - whole[0]) : 0;
   whole[0] -= margin;
@@ -51,14 +51,14 @@ for (const figure of document.querySelectorAll("figure.chart")) {
       });
     });
     if (low > high) [low, high] = [0, 1];
-    // Zero is part of an error's scale; angles have none to begin at.
+    // The scale of positive quantities, such as errors, starts at zero.
     if (low >= 0) low = Math.min(low, 0);
     const margin = 0.05 * (high - low) || 1;
     return [low === 0 ? 0 : low - margin, high + margin];
   };
 
   const draw = () => {
-    // Letters keep their size on a narrow screen.
+    // The font size is independent of the screen width.
     width = Math.max(svg.clientWidth, 280);
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     svg.replaceChildren();
@@ -106,7 +106,7 @@ for (const figure of document.querySelectorAll("figure.chart")) {
       let d = "";
       curve.xs.forEach((x, k) => {
         if (curve.ys[k] === null) return (pen = "M");
-        // A point alone is a line of no length, whose round ends show.
+        // An isolated point is a line of zero length with visible round ends.
         const alone = pen === "M" && (curve.ys[k + 1] ?? null) === null;
         d += `${pen}${toX(x).toFixed(1)} ${toY(curve.ys[k]).toFixed(1)}${alone ? "h0" : ""}`;
         pen = "L";
@@ -208,7 +208,7 @@ for (const figure of document.querySelectorAll("figure.chart")) {
   new ResizeObserver(() => svg.clientWidth !== width && draw()).observe(svg);
   draw();
 }
-// On paper nothing can be opened.
+// Details are unfolded for print.
 const folded = () => document.querySelectorAll("details:not([open])");
 let opened = [];
 addEventListener("beforeprint", () => {

@@ -36,7 +36,7 @@ def moments(log):
     return [PictureMoment(0.0, jpeg), plan, *moments_of(cut(log, 0.0, 2.0))]
 
 
-# How many pixels of a canvas are not empty.
+# Number of non-empty pixels of a canvas.
 DRAWN = """
 const c = document.getElementById(arguments[0]);
 const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
@@ -71,7 +71,7 @@ def test_the_page_shows_the_run_and_reconnects(log, moments):
                 assert (text("connection"), text("latency")) == ("live", "87 ms")
                 assert text("error") == f"{error_deg:.2f} deg"
                 assert text("joints").count("°") == 4
-                # The browser decodes the picture beside the page.
+                # The browser decodes the picture asynchronously.
                 wait_for(lambda: driver.execute_script("return document.getElementById('picture').naturalWidth") == 1)
                 if ends == "connection lost":
                     for canvas in ("above", "eye", "errors", "times"):
@@ -95,7 +95,7 @@ def test_the_page_accepts_local_hosts_and_loads_its_own_files_only():
     with closing(WebPage(run_info(NECK), host, port)):
         status, policy, page = get("/", f"localhost:{port}")
         assert status == 200
-        # At port 80 a browser leaves the port out. A foreign page may resolve its own name to this computer.
+        # At port 80 a browser omits the port. A foreign page may resolve its own name to this computer.
         statuses = [get("/", host)[0], get("/", "evil.example:80")[0], get("/../web.py", f"127.0.0.1:{port}")[0]]
         assert statuses == [200, 403, 404]
         with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}"):

@@ -89,7 +89,7 @@ def test_a_killed_writer_is_a_problem_and_loses_at_most_2_s(tmp_path):
     feed.process.join()
     feed.take(EventMoment(9.0, "event", ""))
     feed.close()
-    assert feed.problems == ["the process for viewers has gone"]
+    assert feed.problems == ["the process for viewers has ended"]
     assert times_of_what_is_there(path)[: len(found)] == found
     np.testing.assert_array_equal(found, log.time_s[: len(found)])
 
