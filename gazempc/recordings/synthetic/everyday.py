@@ -106,13 +106,13 @@ def everyday_names() -> tuple[str, ...]:
 
 
 def generate_everyday(name: str) -> Recording:
-    """Make one recording of people who stand, start and stop, always the same for the same name.
+    """Generate one recording of a person who stands, starts or stops; deterministic in its name.
 
     Args:
         name: One of `everyday_names`.
 
     Returns:
-        The person with exact truth and with what a body tracker would have measured.
+        The person with exact truth and simulated measurements of a body tracker.
     """
     subject, _, activity = name.partition("_")
     number = int(subject.removeprefix("subject"))
@@ -223,7 +223,7 @@ def _speed(
 def _moments(
     rng: np.random.Generator, times_s: FloatArray, lasts_s: tuple[float, float], pause_s: tuple[float, float]
 ) -> list[HeadingProfile]:
-    """Movements of size 1 that follow each other with pauses."""
+    """Consecutive movements of size 1 with pauses."""
     found, from_s = [], rng.uniform(0.0, pause_s[1])
     while from_s < times_s[-1]:
         length_s = rng.uniform(*lasts_s)
@@ -238,7 +238,7 @@ def _standing_sway(rng: np.random.Generator, times_s: FloatArray) -> FloatArray:
     sway_m += _DRIFT_M * np.column_stack([slow_variation(rng, times_s, _DRIFT_HZ) for _ in _SWAY_M])
     side = rng.choice([-1.0, 1.0])
     for shift in _moments(rng, times_s, _SHIFT_LASTS_S, _PAUSE_S):
-        # From one leg to the other: to and fro.
+        # From one leg to the other, alternating.
         sway_m[:, 1] += side * rng.uniform(*_SHIFT_M) * shift.heading_rad(times_s)
         side = -side
     for fidget in _moments(rng, times_s, _FIDGET_LASTS_S, _PAUSE_S):
@@ -261,7 +261,7 @@ def _gestures(rng: np.random.Generator, times_s: FloatArray) -> tuple[FloatArray
 
 
 def _turns(rng: np.random.Generator, times_s: FloatArray) -> list[HeadingProfile]:
-    """Turns there and back, until the time is over."""
+    """Turns there and back, until the end of the recording."""
     found: list[HeadingProfile] = []
     from_s, side = rng.uniform(*_TURN_PAUSE_S), rng.choice([-1.0, 1.0])
     while from_s < times_s[-1]:

@@ -1,4 +1,4 @@
-"""BVH: hand-computed skeletons and those of many programs; errors with file, line and remedy."""
+"""BVH: hand-computed skeletons and exports of many programs; errors with file, line and remedy."""
 
 import numpy as np
 import pytest
@@ -74,13 +74,13 @@ def test_y_up_zxy_by_hand(tmp_path):
 
 
 def test_a_skeleton_lying_in_the_rest_pose_is_turned_upright(tmp_path):
-    """The Y-up skeleton in a Z-up file: every frame turns the hips by +90 deg about x."""
+    """The Y-up skeleton in a Z-up file: every frame rotates the hips by +90 deg about x."""
     head = Y_UP.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
     frames = [[0, -1.0 * k, 95, 90, 30, 0, *[0.0] * 12] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", head, frames))
     np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
     assert (recording.truth.head_position_m[:, 2] > 1.5).all()
-    # At rest facing file z, turned to face file -y, then 30 deg to the person's left.
+    # Facing file z at rest, rotated to file -y, then 30 deg to the person's left.
     expected = turn("z", -90 + 30)
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[0], expected, atol=1e-12)
 
@@ -110,7 +110,7 @@ def test_options_override_values_of_the_file(tmp_path):
 
 
 def test_the_unit_of_a_sitting_person_is_that_of_the_rest_pose(tmp_path):
-    """Legs lifted by 60 degrees: 1.15 m high in centimetres, as a person in no unit; 1.6 m at rest."""
+    """Legs lifted by 60 degrees: 1.15 m high in centimetres, implausible in any unit; 1.6 m at rest."""
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, 60, 0, 0, 60, 0, *[0.0] * 6] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
     np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
@@ -118,7 +118,7 @@ def test_the_unit_of_a_sitting_person_is_that_of_the_rest_pose(tmp_path):
 
 
 def test_horizontal_legs_in_the_rest_pose_give_no_height(tmp_path):
-    """Legs point backwards at rest, where 70 units of height would be a person in inches, and down in the motion."""
+    """Legs point backwards at rest (70 units of height, a person in inches), and down in the motion."""
     legs_back = Y_UP.replace("OFFSET 0.0 -90.0 0.0", "OFFSET 0.0 0.0 -90.0")
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, -90, 0, 0, -90, 0, *[0.0] * 6] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", legs_back, frames))
@@ -160,7 +160,7 @@ def _replace(old, new):
         (_replace("-90.0", "-900.0"), ["m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
     ],
 )
-def test_damage_is_named(tmp_path, change, named):
+def test_damage_is_reported_with_its_line(tmp_path, change, named):
     path = write(tmp_path / "walk.bvh", Y_UP, y_up_frames())
     lines = path.read_text(encoding="utf-8").splitlines()
     change(lines)
@@ -237,7 +237,7 @@ def test_contradictory_names_and_feet_require_an_option(tmp_path):
     assert "facing z at rest (by bvh_facing)" in recording.notes[0]
 
 
-# Without toes and names the skeleton is the same from front and back.
+# Without toes and names the skeleton is symmetric front to back.
 NO_FEET = sk.body("0", ["1", "2"], "Head", ("a{}", "b{}"), "1 2 3", "4 5 6 7")
 
 
@@ -246,7 +246,7 @@ def test_without_feet_a_walk_gives_the_facing_and_standing_requires_an_option(tm
     assert_walk(recording)
     assert "facing z at rest (by the direction of travel)" in recording.notes[0]
     stands = sk.write_bvh(tmp_path / "stands.bvh", NO_FEET, walks=False)
-    with pytest.raises(RecordingError, match=r"no feet and no walk show the facing.*bvh_facing"):
+    with pytest.raises(RecordingError, match=r"no feet and no walk determine the facing.*bvh_facing"):
         load(stands)
     truth = load(stands, ReadOptions(bvh_facing="-z")).truth
     yaw = Rotation.from_quat(truth.head_quat_wxyz[0], scalar_first=True).as_euler("ZYX")[0]
@@ -274,7 +274,7 @@ def test_two_heads_require_an_option(tmp_path, named):
 
 
 def test_two_units_require_an_option(tmp_path):
-    # Positions of joints in inches in a file with offsets in cm, as scaled retargeting leaves it.
+    # Joint positions in inches and offsets in cm, a result of scaled retargeting.
     path = sk.write_bvh(tmp_path / "walk.bvh", sk.XSENS, positions_of=1 / 2.54)
     with pytest.raises(RecordingError, match=r"inch by the motion, cm by the rest pose.*bvh_unit_m"):
         load(path)
