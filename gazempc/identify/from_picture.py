@@ -113,7 +113,7 @@ class _Bench:
         self.hold(still, off_s + after_s)
         taken, answers = list(self.eye.taken), list(self._answers)
         if not taken:
-            raise IdentificationError(f"no picture came: {self.eye.problem or 'the stream stands still'}")
+            raise IdentificationError(f"no picture was received: {self.eye.problem or 'the stream is stalled'}")
         stamps = np.array([each[0] for each in taken])
         seen = Pulse(step, on_s, off_s, stamps, np.full(stamps.size, np.nan))
         reported = Pulse(step, on_s, off_s, np.array([a[0] for a in answers]), np.array([a[1][axis] for a in answers]))
@@ -220,7 +220,7 @@ def _measured(
     after_s = delay_max_s + 0.5
     # First pass: lens angle, and approximate delay of the picture.
     plans = [_steps(axis) for axis in commanded.axes]
-    # What the file expects of a step, for how long it may last.
+    # Speeds of the steps in the neck file, which determine the durations.
     likely = [_steps(old if old.speed_steps else new) for old, new in zip(neck.axes, commanded.axes, strict=True)]
     middle = min(max(int(np.searchsorted(likely[0], 0.3 * guess_rad)), 1), len(plans[0]))
     lasts_s = _lasts_s(likely[0][middle - 1], guess_rad)

@@ -1,4 +1,4 @@
-"""Results of an identification: table, figure and neck file; of a camera that turns its options, too."""
+"""Results of an identification: table, figure and neck file; and options of a camera with speed commands."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
         ("offset (deg)", [f"{round(math.degrees(e.offset_rad), 2) + 0.0:.2f}" for e in estimates]),
         ("fit (%)", [f"{e.fit_percent:.2f}" for e in estimates]),
         ("residual RMS (deg)", [f"{e.residual_rms_deg:.3f}" for e in estimates]),
-        ("of it not noise (deg)", [f"{e.structured_rms_deg:.3f}" for e in estimates]),
+        ("of it correlated (deg)", [f"{e.structured_rms_deg:.3f}" for e in estimates]),
         ("readings used", [f"{e.time_s.size}" + f" ({e.misread} misread)" * (e.misread > 0) for e in estimates]),
     ):
         lines.append([label, *(cell for text in texts for cell in (text, ""))])
@@ -112,7 +112,7 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
     Args:
         record: Commands and angles.
         estimates: One for each joint that moved.
-        title: Above the figure.
+        title: Title of the figure.
         path: Picture to write.
     """
     figure = Figure(figsize=(max(6.4, 5.6 * len(estimates)), 7.6), dpi=_DPI, layout="constrained")

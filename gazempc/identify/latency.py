@@ -30,8 +30,8 @@ def estimate_latency(
 ) -> Interval:
     """Estimate the delay of observations of a known motion by least squares; invariant to constant offsets.
 
-    The motion may be a person's true track, or the encoder angles of a camera that turns before a fixed target: then
-    `known` is the direction of the target from the encoders.
+    The motion may be a person's true track, or the encoder angles of a camera that rotates in front of a fixed target:
+    then `known` is the direction of the target from the encoders.
 
     Args:
         known_time_s: Times of the known motion, shape (M,), increasing, seconds.
@@ -79,9 +79,9 @@ def estimate_latency(
     half_s = max(Z_95 * math.sqrt(float(best.covariance[0, 0])), _NARROWEST_S)
     if min(latency_s - low_s, high_s - latency_s) < 1e-6 or near_s in (lags_s[0], lags_s[-1]):
         between = f"none between {_EARLIEST_S:g} and {latency_max_s:g} s"
-        raise _refused(f"{between} makes the observations agree with the motion: check that both are on one clock")
+        raise _refused(f"{between} aligns the observations with the motion: check that both are on one clock")
     if not half_s <= _WIDEST_S:
-        widths = f"only known to +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed"
+        widths = f"uncertain by +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed"
         raise _refused(f"{widths}: record more, and faster, motion")
     return Interval.around(latency_s, half_s)
 

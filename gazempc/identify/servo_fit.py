@@ -127,9 +127,9 @@ class ServoModel:
     evaluated at time - d, so d is continuous. The joint is initially at rest at the first command.
 
     Args:
-        command_time_s: When commands were sent, shape (K,), increasing, seconds.
+        command_time_s: Send times of the commands, shape (K,), increasing, seconds.
         command_rad: Commands, each held until the next, shape (K,), radians.
-        time_s: When the joint was measured, shape (N,), increasing, seconds.
+        time_s: Measurement times of the joint, shape (N,), increasing, seconds.
     """
 
     def __init__(self, command_time_s: FloatArray, command_rad: FloatArray, time_s: FloatArray) -> None:

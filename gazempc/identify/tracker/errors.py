@@ -21,9 +21,9 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 _THIRD = 20.0
 # Neighbouring third differences of white noise have a correlation of -0.75; of smooth motion 1.
 _HIDDEN = -0.375
-# Longest lag, seconds, and how many lags and times of correlation are tried.
+# Longest lag, seconds, and numbers of lags and correlation times in the grid.
 _LONGEST_S, _LAGS, _TIMES = 4.0, 16, 30
-# Of the jackknife.
+# Number of blocks of the jackknife.
 _BLOCKS = 10
 # Significance threshold of the wander's variance, times white² / √N: 1 to 5 % false positives for N values.
 _SEEN = 6.0
@@ -184,11 +184,11 @@ def _white_and_wander(squares: FloatArray, counts: FloatArray, lags_s: FloatArra
     """White error, wander and its correlation time, shape (3,).
 
     Args:
-        squares: Mean square of the third differences, then of those at the lags, shape (1 + L,); of white noise alone
-            each is its variance.
-        counts: Of each, shape (1 + L,).
+        squares: Mean square of the third differences, then of those at the lags, shape (1 + L,); for white noise alone
+            each equals its variance.
+        counts: Number of squares in each, shape (1 + L,).
         lags_s: Shape (L,), seconds.
-        period_s: Interval of frames.
+        period_s: Frame interval, seconds.
     """
     third, variogram = squares[0], squares[1:]
     if not lags_s.size:
