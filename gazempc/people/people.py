@@ -49,7 +49,7 @@ def frames_of(sightings: Sequence[Sighting]) -> Iterator[tuple[Sighting, ...]]:
         sightings: The sightings, in any order.
 
     Yields:
-        Those of one instant, within 10 ms; the oldest first.
+        Sightings of one instant, within 10 ms; the oldest first.
     """
     frame: list[Sighting] = []
     for sighting in sorted(sightings, key=lambda each: each.observation.capture_time_s):
@@ -235,7 +235,7 @@ def middle_of(forecasts: Sequence[Forecast]) -> Forecast:
     """Centre of the angular bounding box of several people.
 
     Args:
-        forecasts: One a person, for the same times.
+        forecasts: One per person, for the same times.
 
     Returns:
         Midpoints of the ranges of pan and of tilt, at the mean distance; all else from the first forecast.
