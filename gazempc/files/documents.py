@@ -63,7 +63,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Raises:
         SettingsError: If it is not TOML, has a number with thousands of digits or is nested too deeply.
     """
-    with _naming(source, "TOML"):
+    with _parser_errors(source, "TOML"):
         if len(text) > MOST_SETTINGS_BYTES:
             raise ValueError(f"{len(text)} characters; at most {MOST_SETTINGS_BYTES} are accepted")
         # The parser's time and memory grow with the square of the parts of a key.
@@ -86,7 +86,7 @@ def parse_yaml(text: str, source: str) -> Any:
         SettingsError: If it is not YAML, has aliases, has a number with thousands of digits or is nested too deeply.
     """
     check_yaml(text, source)
-    with _naming(source, "YAML"):
+    with _parser_errors(source, "YAML"):
         return _checked(yaml.safe_load(text))
 
 
@@ -101,7 +101,7 @@ def check_yaml(text: str, source: str) -> None:
         SettingsError: If it is not YAML, has aliases or is nested too deeply.
     """
     depth = 0
-    with _naming(source, "YAML"):
+    with _parser_errors(source, "YAML"):
         for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
             line = "" if event.start_mark is None else f"line {event.start_mark.line + 1}: "
             if isinstance(event, yaml.AliasEvent):
@@ -145,7 +145,7 @@ def _toml(value: object) -> str:
 
 
 @contextmanager
-def _naming(source: str, language: str) -> Iterator[None]:
+def _parser_errors(source: str, language: str) -> Iterator[None]:
     try:
         yield
     except RecursionError:
@@ -155,7 +155,7 @@ def _naming(source: str, language: str) -> Iterator[None]:
         text = str(error)
         if "digits" in text and "limit" in text:  # Python's message is advice to programmers
             text = "an integer with thousands of digits"
-        elif "maximum nesting depth" in text:  # newer libyaml has a limit of its own
+        elif "maximum nesting depth" in text:  # newer libyaml has a nesting limit, too
             text = _TOO_DEEP
         text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
         raise SettingsError(f"{source}: not valid {language}: {text}") from None

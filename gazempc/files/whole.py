@@ -14,8 +14,8 @@ from gazempc.errors import GazempcError
 with suppress(ImportError):  # Windows
     import fcntl
 
-# Files that a run writes. A controller's log has its computing times beside it.
-_OURS = re.compile(
+# Output files of a run. A controller's log has a file of computing times beside it.
+_OUTPUT_FILES = re.compile(
     r"(summary\.json|settings\.yaml|report\.html|(overview|birds_eye|angles|gaze_error)\.png|gaze\.gif|"
     r"(log|compute)_\d{3,}\.(npz|mcap))(\.\d+\.part)?"
 )
@@ -91,13 +91,13 @@ def begin_folder(out: Path) -> Iterator[None]:
     """
     with naming(out):
         out.mkdir(parents=True, exist_ok=True)
-    with _alone_in(out):
+    with _locked(out):
         _remove_earlier(out)
         yield
 
 
 @contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[None]:
     if os.name == "nt":
         yield
         return
@@ -121,5 +121,5 @@ def _remove_earlier(out: Path) -> None:
     logs = {path.name.removesuffix(_TIMES) for path in out.glob(f"*{_TIMES}")}
     old = {f"{log}{ending}" for log in logs for ending in (".npz", ".mcap", _TIMES)}
     for path in out.iterdir():
-        if (path.name in old or _OURS.fullmatch(path.name)) and not path.is_dir():
+        if (path.name in old or _OUTPUT_FILES.fullmatch(path.name)) and not path.is_dir():
             path.unlink()

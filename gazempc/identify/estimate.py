@@ -29,8 +29,8 @@ _SCAN_DAMPING = 0.8
 
 _SCAN_READINGS = 1000
 _STARTS = 3
-_SAME_PLACE_S = 0.15
-_HOPEFUL = 3.0
+_DISTINCT_S = 0.15
+_COMPETITIVE = 3.0
 _LOWEST = (math.log(0.5), math.log(0.101))
 _HIGHEST = (math.log(300.0), math.log(9.99))
 _AT_BOUND = 1e-3
@@ -108,7 +108,7 @@ class AxisEstimate:
             f"{self.axis}: {self.structured_rms_deg:.2f} deg of the residual are correlated in time\n"
             "  (friction, play, a motor at its limit): a second-order servo does not model it,\n"
             "  and the true values may lie outside the intervals; "
-            "look at the figure, and try another --amplitude-deg"
+            "inspect the figure, and try another --amplitude-deg"
         )
 
 
@@ -206,8 +206,8 @@ def _scan(data: AxisData, dead_time_max_s: float) -> list[tuple[float, float, fl
     starts: list[tuple[float, float, float]] = []
     for error, start in sorted(found):
         # A faster servo with a longer dead time is nearly equivalent: the fit converges from one to the other.
-        distinct = all(abs(start[0] - other[0]) > _SAME_PLACE_S for other in starts)
-        if distinct and error <= _HOPEFUL * min(found)[0] and len(starts) < _STARTS:
+        distinct = all(abs(start[0] - other[0]) > _DISTINCT_S for other in starts)
+        if distinct and error <= _COMPETITIVE * min(found)[0] and len(starts) < _STARTS:
             starts.append(start)
     return starts
 
@@ -248,8 +248,8 @@ def _doubts(
     found = []
     if fit_percent < _LEAST_FIT_PERCENT:
         found.append(
-            f"the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are needed: look "
-            "at the figure; the joint may be obstructed, too slow for its commands or not a second-order servo"
+            f"the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are needed: "
+            "inspect the figure; the joint may be obstructed, too slow for its commands or not a second-order servo"
         )
     widths = (("dead time", width_ms, _WIDEST_MS, "ms"), ("bandwidth", width_percent, _WIDEST_PERCENT, "%"))
     for what, width, widest, unit in widths:

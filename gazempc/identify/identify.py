@@ -56,7 +56,7 @@ class IdentifySettings(ExcitationSettings):
     """Settings of `python -m gazempc.identify`."""
 
     robot: RobotChoice | None = Field(
-        default=None, description="Robot to move and measure; module:Class for a robot of your own"
+        default=None, description="Robot to move and measure; module:Class for a user-defined robot"
     )
     options: RobotOptions = RobotOptions()
     source: str | None = Field(
@@ -89,7 +89,7 @@ class IdentifySettings(ExcitationSettings):
     )
     neck: str | None = Field(
         default=None,
-        description="Neck (name or .toml file) whose limits are kept and copied; default: reference, or the log's own",
+        description="Neck (name or .toml file) with the limits to respect and copy; default: reference, or the log's",
     )
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")] = Field(
         default=Path("identified.toml"),
@@ -129,7 +129,7 @@ def parse(words: Sequence[str]) -> IdentifySettings:
         The settings.
 
     Raises:
-        SettingsError: If there is no such robot, or it does not take an option.
+        SettingsError: If there is no such robot, or it does not have an option.
         SystemExit: If the command line is wrong (status 2) or requests help (status 0).
     """
     words, own = take_options(words, RobotOptions.model_fields)

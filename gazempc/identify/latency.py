@@ -36,7 +36,7 @@ def estimate_latency(
     Args:
         known_time_s: Times of the known motion, shape (M,), increasing, seconds.
         known: The motion, shape (M, k), any unit; rows with NaN are removed.
-        observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. Arrival times give the
+        observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. Arrival times yield the
             total latency, capture times the error of the stamps.
         observed: Observations, shape (F, k), the same unit.
         latency_max_s: Upper bound of the latency, seconds.
@@ -65,8 +65,8 @@ def estimate_latency(
 
     # Coarse scan with separate observations for each latency: a short record has few that are valid for all.
     lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
-    judged = [(lag_s, used) for lag_s in lags_s if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS]
-    scores = {float(lag_s): float(np.mean(residual(lag_s, used) ** 2)) for lag_s, used in judged}
+    candidates = [(lag_s, used) for lag_s in lags_s if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS]
+    scores = {float(lag_s): float(np.mean(residual(lag_s, used) ** 2)) for lag_s, used in candidates}
     near_s = min(scores, key=scores.__getitem__, default=0.0)
     low_s, high_s = near_s - 3 * _SCAN_STEP_S, near_s + 3 * _SCAN_STEP_S
     used = usable(low_s, high_s)

@@ -62,7 +62,7 @@ def fit(
 def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int = 1) -> FloatArray:
     """Covariance of a least-squares estimate whose errors are correlated in time.
 
-    The spectrum of the errors is that of an autoregression fitted to the residuals (den Haan & Levin 1997, "A
+    The spectrum of the errors is modelled by an autoregression fitted to the residuals (den Haan & Levin 1997, "A
     practitioner's guide to robust covariance matrix estimation"). The formula for independent errors is a lower bound:
     spurious correlation must not reduce the covariance.
 

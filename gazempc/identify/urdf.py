@@ -62,7 +62,7 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
 
     Args:
         path: The URDF (for a xacro file, its expansion).
-        eye_frame: Link at the eye, such as that of the camera; its orientation is not used.
+        eye_frame: Link at the eye, such as the camera's; its orientation is not used.
         pan: Name of the pan joint; default: the second revolute joint of the chain from the eye to the root.
         tilt: Name of the tilt joint; default: the first one.
 

@@ -60,7 +60,7 @@ class Attention:
     """Selects the attended person.
 
     A switch has two conditions: the other person has had the higher score for `hysteresis_s` without a break, and the
-    attended person has been attended for `dwell_s`. The departure of the attended person causes a switch at once.
+    attended person has been attended for `dwell_s`. The departure of the attended person causes an immediate switch.
 
     Args:
         policy: Scoring of the people.
@@ -141,9 +141,9 @@ class Attention:
         scores = [float(score) for score in self.policy.scores(company)] if company.people else []
         if len(scores) != len(company.people):
             raise ValueError(f"scores() returned {len(scores)} numbers for {len(company.people)} people")
-        judged = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
-        most = max((score for score, _ in judged), default=math.nan)
-        best = [number for score, number in judged if score == most]
+        scored = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
+        most = max((score for score, _ in scored), default=math.nan)
+        best = [number for score, number in scored if score == most]
         # Equal scores keep the attended person.
         return company.attended if company.attended in best else min(best, default=None)
 

@@ -19,7 +19,7 @@ from predictors import Forecast, HeadObservation, Predictor
 _CONFIRMED_BY = 3
 # Timeout of a tentative track that has missed a frame.
 _TENTATIVE_S = 0.3
-# Detections within this distance, less than that of two heads, are duplicates of one person.
+# Detections within this distance, less than between two heads, are duplicates of one person.
 _ONE_PERSON_M = 0.25
 # Reachability gate of re-identification by name: speed and position error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
@@ -65,7 +65,7 @@ class People:
     """Keeps a track of each person.
 
     Detections of one instant are assigned to the predicted positions. A track without a detection coasts. After
-    `coast_s` the person counts as absent, and may be re-identified.
+    `coast_s` the person is considered absent, and may be re-identified.
 
     Args:
         make_predictor: Factory of a predictor for each person.

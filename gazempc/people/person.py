@@ -19,7 +19,7 @@ ONE_FRAME_S = 0.01
 # Length of the buffer of frames: older ones do not improve a forecast. Only the attended person is
 # forecast; the predictors of the others are updated lazily.
 _MEMORY_S = 1.5
-# Buffered sightings processed per frame: empties the buffer within half a second at 30 frames a second.
+# Buffered sightings processed per frame: empties the buffer within half a second at 30 Hz.
 CATCH_UP = 3
 # Assumed covariance if a tracker states none; includes drift with posture.
 _POSITION_NOISE_M2 = 0.03**2 * np.eye(3)
@@ -147,7 +147,7 @@ class TrackedPerson:
         return self._predictor.forecast(times_s)
 
     def catch_up(self, most: int) -> None:
-        """Update the predictor with buffered sightings, a few a frame: all at once takes milliseconds.
+        """Update the predictor with buffered sightings, a few per frame: processing all takes milliseconds.
 
         Args:
             most: Maximum number of sightings, the oldest first.

@@ -14,7 +14,7 @@ from predictors.geometry import wrap_rad, yaw_rad
 
 _FROZEN_AFTER_S = 0.5
 # Minimum speed over the last quarter of a second before a frozen position: braking takes a person half a second. A
-# person who slows down first, as simulated people without noise do, counts as standing.
+# person who slows down first, as simulated people without noise do, is classified as standing.
 _WALKED_M_S = 0.5
 _WALKED_OVER_S = 0.25
 _LONGEST_STEP_S = 1.0
@@ -122,7 +122,7 @@ class FrozenPeople:
             Whether the tracker is frozen, and whether it has resumed after it was frozen.
         """
         time_s = sighting.observation.capture_time_s
-        # Entries older than this belong to another standstill.
+        # Older entries are from another standstill.
         self._trackers = {
             n: each for n, each in self._trackers.items() if n == number or time_s - each.newest_s <= _LONGEST_STEP_S
         }
@@ -140,7 +140,7 @@ class OrientationJumps:
         self._yaws_rad: dict[str, float] = {}
 
     def without(self, observation: HeadObservation) -> tuple[HeadObservation, bool]:
-        """Compare the yaws of head and pelvis with those of the previous frame, used or not.
+        """Compare the yaws of head and pelvis with the previous frame's, used or not.
 
         A permanent reversal thus removes one frame, and an alternating one all frames.
 
@@ -193,7 +193,7 @@ class TrackStart:
     """Updates one predictor; reorders the first 0.3 s of a track by capture time.
 
     A late observation in this period resets the predictor, which then processes all of them again; so the track may
-    begin before the observation that arrived first. Observations in order are passed on at once.
+    begin before the observation that arrived first. Observations in order are passed on without delay.
 
     Forecasts are clamped to 0.3 m plus 3 m/s from the last position; for the first 0.3 s and six frames of a sensor
     that states its confidence, to the last position.

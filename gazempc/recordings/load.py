@@ -26,7 +26,7 @@ _READERS: dict[str, Reader] = {
     ".bvh": read_bvh,
     **dict.fromkeys(FILE_ENDINGS, read_bag),
 }
-# Endings of recordings in a folder; .txt files of a folder may hold other text.
+# Endings of recordings in a folder; .txt files of a folder may have other content.
 ENDINGS_IN_FOLDERS = tuple(ending for ending in _READERS if ending not in (".txt", *FILE_ENDINGS))
 
 

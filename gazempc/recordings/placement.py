@@ -30,7 +30,7 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
 
     Args:
         recording: Any recording.
-        placement: Where the robot stands.
+        placement: Placement of the robot.
         distance_m: Distance of ``side`` from the mean head position, metres.
         height_m: Height of ``side`` above the recording's floor (z = 0), metres.
 
@@ -50,7 +50,7 @@ def place_together(
 
     Args:
         recordings: One recording per person.
-        placement: Where the robot stands; ``side`` is beside the first one.
+        placement: Placement of the robot; ``side`` is beside the first one.
         distance_m: As in `place`.
         height_m: As in `place`.
 
@@ -107,7 +107,7 @@ def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArra
 
 
 def _facing(track: Track) -> FloatArray:
-    """Horizontal direction of the first face; +x where it is unknown or vertical."""
+    """Horizontal direction of the first face; +x if it is unknown or vertical."""
     known = np.isfinite(track.head_quat_wxyz).all(axis=1)
     if known.any():
         forward = Rotation.from_quat(track.head_quat_wxyz[known][0], scalar_first=True).apply([1.0, 0.0, 0.0])[:2]

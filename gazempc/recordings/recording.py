@@ -111,7 +111,7 @@ class Labels:
         subject: The person; by default the name up to the first underscore.
         group: Route group such as ``straight``, ``turn``, ``sharp``, or None if unknown.
         description: Free text.
-        activity: What the person does, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None if unknown.
+        activity: Activity of the person, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None if unknown.
     """
 
     subject: str

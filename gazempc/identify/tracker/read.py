@@ -179,7 +179,7 @@ def _check(path: Path, track: HeadTrack) -> None:
     if (np.ptp(track.position_m, axis=0) == 0.0).all():
         raise RecordingError(path, place, "the position is constant", "measured positions")
     if (np.linalg.norm(track.position_m, axis=1) < _LEAST_RANGE_M).any():
-        needed = "positions in the sensor's own frame, x forward, y left, z up, the sensor at the origin"
+        needed = "positions in the sensor's frame, x forward, y left, z up, the sensor at the origin"
         raise RecordingError(path, place, f"a head within {_LEAST_RANGE_M:g} m of the origin", needed)
 
 
@@ -188,6 +188,6 @@ def _without_repeats(track: HeadTrack) -> HeadTrack:
     new = np.concatenate([[True], (np.diff(track.position_m, axis=0) != 0.0).any(axis=1)])
     if new.mean() > 1.0 - _REPEATED:
         return track
-    note = f"{int((~new).sum())} of {new.size} frames repeat the position before exactly: left out"
+    note = f"{int((~new).sum())} of {new.size} frames repeat the previous position exactly: left out"
     arrays = {name: value[new] for name, value in vars(track).items() if isinstance(value, np.ndarray)}
     return replace(track, **arrays, notes=(*track.notes, note))

@@ -87,7 +87,7 @@ def warnings(errors: TrackerErrors) -> list[str]:
     if errors.along.hidden or errors.across.hidden:
         found.append("white error: upper bounds only, as the tracker smooths, or the person moved")
     if errors.jumps.durations_s.size and not errors.jumps_across:
-        found.append("jumps are small or along the line of sight only: left out, a sensor file has no field for them")
+        found.append("jumps are small or along the line of sight only: omitted, as a sensor file has no field for them")
     if errors.latency_s is None:
         found.append(f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as `reference`")
     return found
@@ -132,7 +132,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     if frames.gaps_s.size:
         values["loss"] = _bursts(frames.gap_interval_s, frames.gaps_s, (0.0, 1.0))
     if not frames.regular:
-        # Range of a uniform distribution with this standard deviation; the rate is that of frames without delay.
+        # Range of a uniform distribution with this standard deviation; the rate is without delays.
         jitter_s = frames.jitter_s * math.sqrt(12.0)
         values["rate_hz"] = _rounded(1.0 / max(1.0 / frames.rate_hz - 0.5 * jitter_s, 1e-3))
         values["timing"] = {"frame_jitter_s": _rounded(jitter_s)}

@@ -89,7 +89,7 @@ def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sight
     times_s = poses.times_s - poses.times_s[0]
     found = recording_of(path, times_s, track, "tracked", frame not in FIXED_FRAMES, notes=notes)
     name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
-    # ROS4HRI's persons are the same people in all bags of a robot; an index beside the bag wins.
+    # ROS4HRI's person ids are common to all bags of a robot; an index beside the bag has priority.
     labels, is_person_id = found.labels, seen.topic == TF and seen.person != seen.name.partition("_")[2]
     if is_person_id and labels.subject == path.stem.partition("_")[0]:
         labels = replace(labels, subject=seen.person)
@@ -131,7 +131,7 @@ def _in_frame(path: Path, frames: FrameTree, seen: Sighted, options: ReadOptions
     notes = [f"{about} (the options bag_frame and bag_axes change it)", *([note] if note else [])]
     if left_out := seen.left_out + lost:
         notes.append(
-            f"{left_out} messages repeat a stamp, hold no finite pose, or came while {FACES} did not list the face or "
+            f"{left_out} messages repeat a stamp, have no finite pose, or came while {FACES} did not list the face or "
             f"{goal} was unknown: left out"
         )
     if poses.times_s.size:

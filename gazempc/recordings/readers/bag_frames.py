@@ -18,7 +18,7 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Largest distance in time from a message of a frame for interpolation; beyond it the pose is unknown.
 _LONGEST_GAP_S = 1.0
-# Frames that are no sensor's origin: the line of sight is unknown there.
+# Frames whose origin is not a sensor, so that the line of sight is unknown.
 FIXED_FRAMES = ("map", "odom", "world", "earth")
 Edge = tuple[str, str]
 
@@ -186,7 +186,7 @@ def optical_axes(frame: str, position_m: FloatArray, wanted: Axes | None = None)
     Args:
         frame: Name of the frame.
         position_m: Positions of people in it, shape (N, 3), metres.
-        wanted: The user's option; None: by the name, else by the positions of people.
+        wanted: The user's option; None: inferred from the name, else from the positions of people.
 
     Returns:
         True for optical axes.
@@ -207,7 +207,7 @@ def forward(frame: str, poses: Poses, wanted: Axes | None = None) -> tuple[Poses
     Args:
         frame: Name of the frame of the poses.
         poses: The poses.
-        wanted: The user's option for the frame's axes; None: by `optical_axes`.
+        wanted: The user's option for the frame's axes; None: inferred by `optical_axes`.
 
     Returns:
         The poses in the same frame with these axes, and whether they were rotated.
@@ -231,7 +231,7 @@ def person_axes(
 
     Returns:
         A function from orientations to orientations, NaN where the axes are undetermined; and a note, empty where the
-        axes are those of ROS4HRI.
+        axes are ROS4HRI's.
     """
     known = np.isfinite(quats_wxyz).all(axis=1)
     if not known.any():

@@ -50,7 +50,7 @@ class BagMessage:
 
 
 def stamp_ns(header: Any) -> int:
-    """Stamp of a `std_msgs/Header`, nanoseconds; 0 where it is not set."""
+    """Stamp of a `std_msgs/Header`, nanoseconds; 0 if it is not set."""
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 

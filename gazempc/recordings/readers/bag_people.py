@@ -1,6 +1,6 @@
 """Candidate frames and topics for a person's head in a ROS 2 bag, most likely first.
 
-Names and axes of people's frames are those of ROS4HRI (REP 155): ``face_<id>`` between the eyes and ``head_<id>``, both
+Names and axes of people's frames follow ROS4HRI (REP 155): ``face_<id>`` between the eyes and ``head_<id>``, both
 with x out of the face and z up; ``person_<id>`` at the face or the head; ``body_<id>`` between the hips.
 """
 
@@ -35,7 +35,7 @@ class Sighted:
         person: ROS4HRI's id of the person, else the frame's id, or the topic.
         frame: Frame of the poses: the nearest ancestor that is not a person's.
         poses: In the order of their stamps, each stamp once.
-        left_out: Messages that repeat a stamp, hold no finite pose, or came while the tracker did not list the face.
+        left_out: Messages that repeat a stamp, have no finite pose, or came while the tracker did not list the face.
     """
 
     name: str

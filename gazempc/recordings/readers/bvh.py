@@ -45,7 +45,7 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
         options: Unit, frame rate, head and hips joints, facing and up axis, to override inferred values.
 
     Returns:
-        The recording; time starts at 0. Its notes state in one line what was inferred.
+        The recording; time starts at 0. One line of its notes lists the inferred values.
 
     Raises:
         RecordingError: If the file is damaged, or head, facing, unit or up axis is ambiguous; names the option that
@@ -58,7 +58,7 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
     tip, tip_offset = head_tip(joints, head)
     pose_of = poses(bvh, {head, hips, tip})
     head_position, hips_position = pose_of[tip][1] + pose_of[tip][0].apply(tip_offset), pose_of[hips][1]
-    travel = _travel(pose_of[hips], np.linalg.norm(head_position - hips_position, axis=1))
+    travel = _travel_direction(pose_of[hips], np.linalg.norm(head_position - hips_position, axis=1))
     person, facing_by = person_axes(path, joints, skeleton, options.bvh_facing, travel)
     up = _up_axis(path, options.bvh_up_axis, np.mean(head_position - hips_position, axis=0))
     unit_m, unit = _unit(path, bvh, hips, (up, person[:, 2]), options.bvh_unit_m)
@@ -76,7 +76,7 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
     inferred = (
         f"read as: {unit}, {axis_name(up)} up, head {joints[head].name} ({point}), "
         f"hips {joints[hips].name}, facing {axis_name(person[:, 0])} at rest ({facing_by}), "
-        f"{1.0 / frame_s:.4g} frames a second; the options {_OPTIONS} change it"
+        f"{1.0 / frame_s:.4g} frames per second; the options {_OPTIONS} change it"
     )
     track = Track(
         head_position_m=unit_m * out.apply(head_position),
@@ -120,7 +120,7 @@ def _up_axis(path: Path, wanted: str | None, to_head: FloatArray) -> FloatArray:
     return axis
 
 
-def _travel(hips: Pose, from_head: FloatArray) -> FloatArray | None:
+def _travel_direction(hips: Pose, from_head: FloatArray) -> FloatArray | None:
     """Direction of travel in the axes of the rest pose, shape (3,); None for a person who stays in one place.
 
     Args:

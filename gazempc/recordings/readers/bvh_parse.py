@@ -139,7 +139,7 @@ def poses(bvh: Bvh, wanted: Iterable[int], frames: slice = slice(None)) -> dict[
 
 
 class _Lines:
-    """Non-blank lines of the file, split into words; braces are lines of their own."""
+    """Non-blank lines of the file, split into words; braces are separate lines."""
 
     def __init__(self, path: Path, text: str) -> None:
         self._path, self.number = path, 0

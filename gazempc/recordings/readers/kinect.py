@@ -148,7 +148,7 @@ def _bodies(path: Path, index: int, frame: _Frame) -> dict[int, _Body]:
 
 
 def _choose(path: Path, bodies: list[dict[int, _Body]], body_id: int | None) -> int:
-    """Id of the body to read: the wanted one, or the one in most frames (of several, the lowest id)."""
+    """Id of the body to read: the requested one, else the one in most frames (of several, the lowest id)."""
     counts = Counter(seen_id for found in bodies for seen_id in found)
     if not counts:
         raise RecordingError(path, "frames", f"no body in any of {len(bodies)} frames", "a tracked body")

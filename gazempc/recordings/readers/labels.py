@@ -27,9 +27,9 @@ _TURN_FROM_DEG = 20.0
 _SHARP_FROM_DEG = 75.0
 _MIN_SPEED_M_S = 0.2
 # Gait sways the pelvis sideways about once a second. A Gaussian of 0.45 s (s.d.) leaves under 2 % of that
-# and reproduces the published groups of all 64 reference walks; 0.4 s and less lets sway count as turning.
+# and reproduces the published groups of all 64 reference walks; at 0.4 s and less, sway is classified as turning.
 _SMOOTHING_S = 0.45
-# Window of the central difference that gives the speed. Over one frame, a tracker's jump of 0.1 m would be detected as
+# Window of the central difference for the speed. Over one frame, a tracker's jump of 0.1 m would be detected as
 # a start; over 0.3 s it is not.
 _SPEED_WINDOW_S = 0.3
 _GRID_STEP_S = 1.0 / 30.0

@@ -38,7 +38,7 @@ class ReadOptions(BaseModel):
         default=0.0,
         gt=-90.0,
         lt=90.0,
-        description="Pitch of the camera in degrees, positive if it looks up; makes its frame level.",
+        description="Pitch of the camera in degrees, positive upwards; levels its frame.",
     )
     bvh_unit_m: float | None = Field(
         default=None, gt=0.0, description="Metres per unit of a BVH file; default: inferred from the person's height."

@@ -76,7 +76,7 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     Rows without a time or a head position are dropped and counted; unknown parts of a row are NaN.
 
     Args:
-        path: The table; its ending gives the format.
+        path: The table; its ending determines the format.
         options: The user's mapping of the columns, and the person.
 
     Returns:
@@ -85,7 +85,7 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     Raises:
         RecordingError: If the file is not a table, its columns have no known meaning, more than half of the rows are
             unusable, or a check fails; rows of text are numbered by lines, from 1.
-        SettingsError: If an option is wrong, or there is no such person.
+        SettingsError: If an option is invalid, or there is no such person.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     table = _raw(path)
@@ -105,13 +105,13 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
         raise SettingsError(f"--reading.person {person}: {path} has no column of person ids; add person=COLUMN")
     columns = Columns(table, identity)
     times_s, track = read_parts(columns, mapping)
-    known, mine = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
+    known, selected = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        mine, identity, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        selected, identity, more = rows_of_person(table, columns.one(mapping.person), known, person)
         notes += more
-    notes += _dropped(table, known, mine)
-    rows, frame = np.flatnonzero(known & mine), ros_frame(columns, mapping)
-    times_s, track = times_s[rows], track.rows(known & mine)
+    notes += _drop_note(table, known, selected)
+    rows, frame = np.flatnonzero(known & selected), ros_frame(columns, mapping)
+    times_s, track = times_s[rows], track.rows(known & selected)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
     if frame is not None and mapping.head_axes is None and not track.positions_only:
         turn, note = person_axes(track.head_position_m, track.head_quat_wxyz, at_sensor, identity.startswith("face_"))
@@ -229,19 +229,19 @@ def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
         names = people_in_header(table, head) if PERSON in head else [""]
         # All people have the same columns.
         columns = Columns(table.first(_FEW_ROWS), (names or [""])[0])
-        if names and _is_there(columns, {"head": head}):
+        if names and _columns_exist(columns, {"head": head}):
             break
     else:
         return None
     found: dict[str, str | None] = {"head": head}
     for key in given.keys() & _COLUMN_KEYS:
         texts = given[key].split("|")
-        found[key] = next((text for text in texts if _is_there(columns, {"head": head, key: text})), None)
+        found[key] = next((text for text in texts if _columns_exist(columns, {"head": head, key: text})), None)
     needed = {"t", "person", *mapping.needs} & given.keys()
     return None if any(found[key] is None for key in needed) else mapping.model_copy(update=found)
 
 
-def _is_there(columns: Columns, values: dict[str, str]) -> bool:
+def _columns_exist(columns: Columns, values: dict[str, str]) -> bool:
     """Whether the columns of a mapping are in the header; invalid cells raise an error when they are read."""
     mapping = ColumnMapping.model_validate({"t": _EVERY_ROW} | values)
     try:
@@ -263,9 +263,9 @@ def _lifted_from_hips(path: Path, track: Track) -> Track:
     return replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m)
 
 
-def _dropped(table: RawTable, known: BoolArray, mine: BoolArray) -> list[str]:
+def _drop_note(table: RawTable, known: BoolArray, selected: BoolArray) -> list[str]:
     """Note on dropped rows; raises an error if there are too many."""
-    count, lost = int(mine.sum()), mine & ~known
+    count, lost = int(selected.sum()), selected & ~known
     if not lost.any():
         return []
     first = table.place(int(np.argmax(lost)))

@@ -1,8 +1,8 @@
 """Synthetic people before the robot who mostly stand: 14 people x 5 activities, as in everyday human-robot interaction.
 
-The people, their gait, the camera and its noise are those of the synthetic walks. Each recording is made from its name
-alone. Figures without a source are marked "assumed": they are of the order of what motion capture of people who signal
-and direct traffic shows, whose heads move within 5 to 18 cm, and within 60 cm while turning.
+People, gait, camera and noise are as for the synthetic walks. Each recording is a function of its name only. Figures
+without a source are marked "assumed": they are of the order of what motion capture of people who signal and direct
+traffic shows, whose heads move within 5 to 18 cm, and within 60 cm while turning.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ _TURN_RADIUS_M = 0.20  # of the steps about the foot turned on; assumed
 _STEPS = (2.0, 3.0)
 _TO_HEADING_S = 1.5  # to turn from the robot to the direction of travel; assumed
 _WALK_S = (3.5, 4.5)
-_LONGEST_WALK_M = 3.4  # what the view holds of most directions
+_LONGEST_WALK_M = 3.4  # longest path within the view in most directions
 _WALK_HEADING_RAD = np.radians((60.0, 150.0))  # to either side of "away from the robot"; our choice
 
 

@@ -160,7 +160,7 @@ def step_rate_hz(walker: WalkerTraits, speed_m_s: FloatArray) -> FloatArray:
 
     Args:
         walker: Traits of the person.
-        speed_m_s: Shape (N,), metres a second.
+        speed_m_s: Shape (N,), metres per second.
 
     Returns:
         Shape (N,), hertz; twice the stride rate.

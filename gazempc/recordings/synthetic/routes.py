@@ -123,8 +123,8 @@ def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatAr
 
     Args:
         path_m: Shape (N, 2), starts along +x, with the middle of the walk at the origin.
-        heading_rad: Wanted direction of travel at the start.
-        middle_base_m: Wanted place of the middle, shape (2,).
+        heading_rad: Desired direction of travel at the start.
+        middle_base_m: Desired position of the middle, shape (2,).
 
     Returns:
         Direction of travel at the start and place of the middle, shape (2,).
@@ -138,7 +138,7 @@ def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatAr
     turned = ends_and_bends @ turning.transpose(0, 2, 1)
     paths = turned[:, None] + (middle_base_m + shifts)[None, :, None]
     # A metre of shift counts as much as a radian of rotation; leaving the view outweighs both.
-    # Rounding makes equal efforts equal on every platform, so that the first of them is taken everywhere.
+    # Rounded, so that ties, and thus the first minimum, are the same on all platforms.
     effort = np.abs(rotations - heading_rad)[:, None] + np.hypot(shifts[:, 0], shifts[:, 1])[None]
     best = np.argmin(effort.round(6) + 1e3 * _misplacement(paths))
     rotation, shift = divmod(int(best), len(shifts))

@@ -1,8 +1,7 @@
 """Synthetic walks before the robot: 14 people on 6 routes, after the paper's experiment.
 
-The walks are made from their names alone, out of published figures for human locomotion, so that all
-experiments run without recordings of people. They do not replace recordings of people: results hold for this model's
-motion only.
+The walks are made from their names alone, out of published figures for human locomotion, so that all experiments run
+without recordings of people. They do not replace recordings of people: results hold for this model's motion only.
 
 The origin of the frame is the robot's sensor and the axis of its neck's pan, 1.2 m above the floor; x is
 forward, y left, z up.
@@ -38,7 +37,7 @@ _HEAD_TURN_SHORTENING = (0.0, 0.4)  # of the head's turn against the body's in s
 _GRAVITY_M_S2 = 9.81
 
 # Azure Kinect: random depth error up to 17 mm at 3.5 m, bias below 11 mm (Toelgyessy 2021). The random error
-# is taken to grow in proportion to the distance up to there and, for want of figures, to stay so beyond.
+# is taken to grow in proportion to the distance up to there and, without published figures, to be constant beyond.
 _DEPTH_NOISE_M = 0.017
 _DEPTH_NOISE_DISTANCE_M = 3.5
 _DEPTH_BIAS_M = 0.011
@@ -96,7 +95,7 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath
         return np.stack([x, y, height_m - SENSOR_HEIGHT_M + gait.up_m], axis=-1)
 
     # Head and pelvis turn before the path does: by more, the sharper the turn (Bernardin 2012). On the walks
-    # the head's lead is about half as long in turns of 60 deg, and the pelvis has none there.
+    # the head's lead is about half as long in turns of 60 deg, and the pelvis's is zero.
     turn_deg = abs(np.degrees(path.profile.turn_rad))
     head_lead_s = walker.head_lead_s * np.clip((turn_deg - 20.0) / 70.0, 0.0, 1.0)
     sharpness = np.clip((turn_deg - 60.0) / 30.0, 0.0, 1.0)

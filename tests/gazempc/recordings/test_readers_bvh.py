@@ -197,7 +197,7 @@ EXPORTS = {
     "cmu_asf": (sk.CMU_ASF, {"unit_m": sk.CMU_UNIT_M}, ["unit CMU's ASF unit", "y up", "facing z at rest"]),
     "cmu_motion_builder": (sk.CMU_FOR_MOTION_BUILDER, {"unit_m": 0.0254}, ["unit inch", "head Head", "hips Hips"]),
     "mixamo": (sk.MIXAMO, {}, ["unit cm (1.", "head mixamorig:Head (tip of its bone)", "hips mixamorig:Hips"]),
-    "xsens": (sk.XSENS, {}, ["hips Hips", "by left and right joints", "60 frames a second"]),
+    "xsens": (sk.XSENS, {}, ["hips Hips", "by left and right joints", "60 frames per second"]),
     "biped": (sk.BIPED, {}, ["head Bip01 Head", "hips Bip01 Pelvis", "by left and right joints"]),
     "rokoko": (sk.ROKOKO, {}, ["head Head", "facing z at rest"]),
     "motion_builder": (sk.MOTION_BUILDER, {"above": "BVH:reference"}, ["hips Character1_Hips", "unit cm"]),

@@ -81,7 +81,7 @@ def _time(table: RawTable) -> tuple[str, list[str]] | None:
             return f"{_quoted(table, name)}:date", []
     for name in table.names:
         if _FRAME.fullmatch(split_unit(name)[0]) and is_number(table.texts(name)[0]):
-            remarks = [] if table.rate_hz else [f"{_RATE_HZ} frames a second is a guess"]
+            remarks = [] if table.rate_hz else [f"{_RATE_HZ} frames per second is a guess"]
             return f"{_quoted(table, name)}:{table.rate_hz or _RATE_HZ:g}hz", remarks
     return None
 

@@ -116,7 +116,7 @@ def parse_columns(text: str, source: str = "--reading.columns") -> ColumnMapping
         if item.strip() and not (equals and key and value):
             raise SettingsError(f"{source}: {item.strip()!r} is not key=value; expected t=stamp:ns, head=pos:mm")
         if key in values:
-            raise SettingsError(f"{source}: {key} is given twice")
+            raise SettingsError(f"{source}: duplicate key {key}")
         values |= {key: value} if key else {}
     try:
         return ColumnMapping.model_validate(values)

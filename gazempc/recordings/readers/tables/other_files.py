@@ -43,7 +43,7 @@ def parquet_table(path: Path) -> RawTable:
     try:
         file = pq.ParquetFile(path)
         arrow = file.schema_arrow
-        # Nested columns may be a thousand times as long as the table, and hold no numbers.
+        # Nested columns may be a thousand times as long as the table, and are not numeric.
         names = [field.name for field in arrow if not pa.types.is_nested(field.type)]
         if len(set(names)) < len(names):
             raise ValueError("a column name occurs twice")
@@ -85,7 +85,7 @@ _ACCEPTED = "an .mvnx file of Xsens MVN with positions and orientations of the s
 
 
 def mvnx_table(path: Path) -> RawTable:
-    """Read the frames of a recording; calibration poses are left out.
+    """Read the frames of a recording; without calibration poses.
 
     Args:
         path: File to read.

@@ -38,11 +38,11 @@ class RawTable:
     Attributes:
         path: The file.
         layout: Layout of the file.
-        names: Names of the columns, in the order of the file; their numbers from 1 where it has no header.
+        names: Names of the columns, in the order of the file; their numbers from 1 if there is no header.
         columns: Cells of each column, N rows, as text or as numbers.
         places: Place of each row in the file: the line, or text such as ``frame 17``.
-        units: Units of columns, by name, where the file states them.
-        rate_hz: Frames a second, where the file states them.
+        units: Units of columns, by name, if stated in the file.
+        rate_hz: Frame rate, if stated in the file.
         notes: Remarks of the reader.
     """
 

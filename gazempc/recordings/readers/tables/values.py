@@ -130,7 +130,7 @@ def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what
         Shape (N, C), and the unit in the table, or None.
 
     Raises:
-        RecordingError: If a column is missing or holds no numbers, or the list has another length.
+        RecordingError: If a column is missing or not numeric, or the list has another length.
     """
     count = len(alphabets[0])
     parts = listed(text)
@@ -146,7 +146,7 @@ def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what
     units = {columns.table.unit(name) for name in names}
     unit = units.pop() if len(units) == 1 else None
     if any(constants) and unit not in (None, "m"):
-        problem = f"a constant beside columns in {unit}"
+        problem = f"a constant with columns in {unit}"
         raise RecordingError(columns.table.path, f"mapping of the {what}", problem, "columns in metres")
     read = iter(names)
     rows = len(columns.table.places)
@@ -260,7 +260,7 @@ def seconds(columns: Columns, text: str) -> FloatArray:
 
 
 def seconds_since_1970(cell: str) -> float | None:
-    """A date or clock time in ISO 8601 as seconds, in UTC where it has no time zone; None for any other text."""
+    """A date or clock time in ISO 8601 as seconds, in UTC if it has no time zone; None for any other text."""
     cell = cell.strip().replace(",", ".")
     try:
         found = datetime.fromisoformat(f"1970-01-01T{cell}" if cell[2:3] == ":" else cell)
