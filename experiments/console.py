@@ -11,15 +11,15 @@ from gazempc.signals import end_during_imports
 
 COMMANDS = {
     "run": ("gazempc.run", "replay a walk to several gazes, with table and pictures"),
-    "live": ("gazempc.live.__main__", "look at a person who is there now"),
+    "live": ("gazempc.live.__main__", "look at people with a robot, in real time"),
     "identify": ("gazempc.identify.identify", "measure a neck's dead time and servo"),
-    "margins": ("gazempc.margins.command", "how wrong a neck file may be before the neck swings"),
+    "margins": ("gazempc.margins.command", "model error of a neck file at the stability limit"),
     "export": ("gazempc.export", "write a log as csv, parquet or mcap"),
     "compare": ("experiments.compare", "compare gazes over many recordings"),
     "sweep": ("experiments.sweep.sweep", "vary settings over many recordings"),
     "forecast": ("experiments.forecast.command", "compare forecasts over many recordings"),
     "fit": ("experiments.fit.command", "fit the predictor walker to recordings"),
-    "rivals": ("experiments.rivals.comparison", "compare with control laws that others run"),
+    "rivals": ("experiments.rivals.comparison", "compare with control laws of other robots"),
     "paper": ("experiments.paper.reproduction", "repeat the validation of Tamaru et al. 2021"),
 }
 _BAD_INPUT = 2

@@ -18,7 +18,8 @@ from predictors.walker.network import RegimeMotion, WalkerModel
 # Ridge penalties: coefficients of nearly constant features stay near zero, and the hidden units do not overfit single
 # people.
 _PRIOR_WEIGHT, _HIDDEN_PRIOR_WEIGHT = 1e-3, 1e-4
-# Hidden units: a linear model gives too wide ellipsoids for one tracker, too narrow ones for another; 24 bring no gain.
+# Hidden units: a linear model gives too wide ellipsoids for one tracker, too narrow ones for another; 24 have no
+# benefit.
 _HIDDEN = 12
 _STEPS = 250
 _SMALLEST_M = 1e-4

@@ -1,4 +1,5 @@
-"""Ctrl-C and SIGTERM in the middle of endless jobs, killed workers, and the same on a dask.distributed cluster."""
+"""Ctrl-C and SIGTERM in the middle of endless jobs, killed workers, on this machine and on a dask.distributed
+cluster."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""Tests over frames and over people, against rank sums by hand and enumeration; tuned weights against exact ones."""
+"""Tests over frames and over people, compared with rank sums by hand and enumeration; tuned and exact weights."""
 
 import dataclasses
 import itertools

@@ -40,15 +40,15 @@ def test_all_errors_of_a_file_are_reported_together(tmp_path):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"vary": {}}, "nothing varies"),
+        ({"vary": {}}, "no setting varies"),
         ({"vary": {"mpc.smoothing_time_s": {"low": 0.1, "high": 0.2}}}, "a grid needs a list of values"),
         ({"base": {}}, "no controller"),
         ({"figures": {"response": ["mpc.horizon_s", "eye_contact_4", "case"]}}, "mpc.horizon_s does not vary"),
         ({"recordings": []}, "recordings"),
         ({"design": "random"}, "n: missing"),
         ({"design": "random", "n": 3, "vary": {"seed": {"low": 3, "high": 1}}}, "low (3) must be less than high (1)"),
-        ({"design": "sobol", "n": 3, "vary": {"neck": {"low": 3, "high": 5}}}, "no numbers between two ends"),
-        ({"design": "sobol", "n": 3, "vary": {"seed": {"low": 0, "high": 2.5}}}, "not a whole number"),
+        ({"design": "sobol", "n": 3, "vary": {"neck": {"low": 3, "high": 5}}}, "is not numeric"),
+        ({"design": "sobol", "n": 3, "vary": {"seed": {"low": 0, "high": 2.5}}}, "not an integer"),
         ({"design": "optuna", "n": 3, "vary": {"distance_m": {"low": 0, "high": 2, "log": True}}}, "low"),
         ({"vary": {"seed": {"lo": 1, "high": 2}}}, "perhaps you meant 'low'"),
         ({"vary": {"controller": ["mpc"]}}, "controller is in base too"),
