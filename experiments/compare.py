@@ -174,7 +174,7 @@ def _seen_in_fitting(settings: CompareSettings, done: list[Row]) -> list[str]:
 
 def _about(summary: Row, done: Sequence[Row]) -> list[str]:
     """Description of the averages, in sentences."""
-    placement = summary["settings"]["placement"] or "that fits each recording"
+    placement = summary["settings"]["placement"] or "by recording"
     counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
     kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
     return [

@@ -145,7 +145,7 @@ def draw(shifts: Sequence[Shift], scale: float, title: str, path: Path) -> None:
             panel.plot(shift.times_s, shift.head_deg + shift.eye_deg, color=_GAZE, lw=2.4, label="gaze")
             panel.plot(shift.times_s, shift.head_deg, color=_HEAD, lw=1.8, label="head")
             panel.plot(shift.times_s, shift.eye_deg, color=_EYE, lw=1.8, label="eyes in the head")
-            panel.set(xlim=(0.0, _SHOWN_S), xlabel="time since the person is known (s)", ylabel="angle (deg)")
+            panel.set(xlim=(0.0, _SHOWN_S), xlabel="time since the first observation (s)", ylabel="angle (deg)")
             panel.set_title(f"shift of {shift.amplitude_deg:.0f} deg sideways", fontsize="medium")
         panels[0, 1].legend(frameon=False)
         laws = (
@@ -193,7 +193,7 @@ class HumanSettings(Settings):
 
     neck: str = Field(default="reference_eyes", description="Shipped neck or a .toml file, with eyes")
     controller: Literal["mpc", "lookahead"] = Field(default="mpc", description="Controller")
-    out: Path = Field(default=Path("out/human"), description="Folder to write to")
+    out: Path = Field(default=Path("out/human"), description="Output folder")
 
 
 class BesidePeople(NamedTuple):

@@ -99,7 +99,7 @@ def report(summary: _Row) -> str:
         "## Test over people: one pair per person",
         "",
         *_of(_PEOPLE, summary["people"]),
-        f"Exact Wilcoxon; effect: rank-biserial, 1 if the rule helps all people, -1 if none. "
+        f"Exact Wilcoxon; effect: rank-biserial, 1 if all people have smaller errors, -1 if none. "
         f"[ ]: 95 % bootstrap over people. Level {SIGNIFICANCE_LEVEL}.",
         "",
         "## The same with equal weights of the groups of routes in the tuning",
@@ -116,7 +116,7 @@ def report(summary: _Row) -> str:
     lines += [
         "## Other definitions of the yaw",
         "",
-        "Proposed minus baseline, mm (negative: the rule helps), mean over people.",
+        "Proposed minus baseline, mm (negative: smaller error), mean over people.",
         "",
         *_rules_table(summary),
         *_yaw_lines(summary["yaw"]),

@@ -282,7 +282,7 @@ class PeopleStudySettings(Settings):
         default=("returns", "switches"), description="Parts to measure"
     )
     every: int = Field(default=6, ge=1, description="For returns: stride in the list of synthetic walks")
-    out: Path = Field(default=Path("out/people"), description="Folder to write to")
+    out: Path = Field(default=Path("out/people"), description="Output folder")
 
 
 def _run(settings: PeopleStudySettings, _: str) -> int:

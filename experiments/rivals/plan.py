@@ -237,7 +237,7 @@ _ANSWERS: tuple[_Column, ...] = (
     ("settling to 1 deg (s)", "settling_s", 1.0, ".2f"),
     ("to 2.6 deg (s)", "settling_2p6_s", 1.0, ".2f"),
     ("reversals", "reversals", 1.0, ".1f"),
-    ("rests off the face by (deg)", "rest_error_deg", 1.0, ".2f"),
+    ("steady-state error (deg)", "rest_error_deg", 1.0, ".2f"),
 )
 _GAZES: tuple[_Column, ...] = (
     ("contact (%)", "eye_contact_2p6", 100.0, ".1f"),
@@ -250,7 +250,7 @@ _COLUMNS: dict[str, tuple[_Column, ...]] = {
     "step": _ANSWERS,
     "ramp": (*_ANSWERS, *_GAZES),
     **dict.fromkeys((*POSTURES, ALL_WALKS), (*_GAZES[:1], _BEHIND_MPC, *_GAZES[1:])),
-    LOSS: (("back in contact after (s)", "recontact_s", 1.0, ".2f"), *_GAZES),
+    LOSS: (("renewed contact after (s)", "recontact_s", 1.0, ".2f"), *_GAZES),
 }
 
 

@@ -81,7 +81,7 @@ def _range_problems(name: str, ends: Range) -> Iterable[str]:
     if not ends.low < ends.high:
         yield f"low ({ends.low:g}) must be less than high ({ends.high:g})"
     if ends.log and ends.low <= 0:
-        yield f"low must be more than 0 where log is true (given: {ends.low:g})"
+        yield f"low must be more than 0 if log is true (given: {ends.low:g})"
 
 
 def _check_metric(name: str) -> str:
@@ -181,7 +181,7 @@ class SweepSpec(_Strict):
         if not self.cases and not self.vary:
             yield "vary: no setting varies; give vary or cases"
         names = [case.name for case in self.cases]
-        yield from (f"cases: the name {name!r} is used twice" for name in {n for n in names if names.count(n) > 1})
+        yield from (f"cases: duplicate name {name!r}" for name in {n for n in names if names.count(n) > 1})
         parts = [("", self.base, self.vary), *((f"cases.{i}.", c.base, c.vary) for i, c in enumerate(self.cases))]
         for where, base, vary in parts:
             yield from (f"{where}vary: {name} is in base too" for name in sorted({*base} & {*vary}))

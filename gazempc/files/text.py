@@ -71,7 +71,7 @@ def decode(path: Path, data: bytes, format_name: str) -> str:
         ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise RecordingError(path, f"line {line}", "a zero byte: this is a binary file", expected)
+        raise RecordingError(path, f"line {line}", "a zero byte, as in binary files", expected)
     if not text.strip():
         raise RecordingError(path, "", "the file is empty", expected)
     return text

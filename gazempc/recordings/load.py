@@ -88,7 +88,7 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         reader = read_table if is_openpose_folder(path) else read_bag if is_recording_folder(path) else None
     if reader is None:
         problem = "this folder is neither a ROS 2 bag nor OpenPose output"
-        raise RecordingError(name, "", problem if is_directory else f"unknown kind of file {path.suffix!r}", accepted)
+        raise RecordingError(name, "", problem if is_directory else f"unknown file type {path.suffix!r}", accepted)
     try:
         if is_directory:
             check_folder(path)

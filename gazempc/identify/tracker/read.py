@@ -163,7 +163,7 @@ def read_track(path: Path, person: str | None = None) -> HeadTrack:
     """
     is_lines = path.suffix.lower() in _LINES
     if not is_lines and not path.is_dir() and (not path.exists() or path.suffix.lower() not in (*TABLES, ".json")):
-        raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown kind of file", _ACCEPTED)
+        raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown file type", _ACCEPTED)
     track = of_lines(path, person) if is_lines else of_recording(path, person)
     _check(path, track)
     return _without_repeats(track)

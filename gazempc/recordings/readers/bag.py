@@ -85,7 +85,7 @@ def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sight
     track = Track(poses.position_m, poses.quat_wxyz, *_pelvis(frames, seen, frame, axes, poses.times_s))
     others = [f"{other.name} ({other.poses.times_s.size} in {other.frame})" for other in people if other is not seen]
     if others:
-        notes.append(f"also in the bag: {', '.join(others)}; the options person and bag_topic choose")
+        notes.append(f"also in the bag: {', '.join(others)}; select by the options person and bag_topic")
     times_s = poses.times_s - poses.times_s[0]
     found = recording_of(path, times_s, track, "tracked", frame not in FIXED_FRAMES, notes=notes)
     name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
@@ -127,7 +127,7 @@ def _in_frame(path: Path, frames: FrameTree, seen: Sighted, options: ReadOptions
     turn, note = person_axes(own.position_m, own.quat_wxyz, is_sensor, is_face)
     poses, was_optical = forward(goal, moved, options.bag_axes)
     about = f"{seen.name}, {poses.times_s.size} frames in {goal}"
-    about += ", optical axes turned to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
+    about += ", optical axes rotated to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
     notes = [f"{about} (the options bag_frame and bag_axes change it)", *([note] if note else [])]
     if left_out := seen.left_out + lost:
         notes.append(

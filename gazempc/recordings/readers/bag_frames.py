@@ -250,5 +250,5 @@ def person_axes(
     x, z = np.sign(ahead[front]) * np.eye(3)[front], np.sign(up[top]) * np.eye(3)[top]
     turn = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
     names = [f"{'-' if axis.sum() < 0 else '+'}{'xyz'[k]}" for k, axis in ((front, x), (top, z))]
-    note = f"{names[0]} is taken for the axis out of the face, {names[1]} for up"
+    note = f"{names[0]} is used as the axis out of the face, {names[1]} as up"
     return partial(composed, last=turn), note

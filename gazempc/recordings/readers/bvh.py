@@ -113,7 +113,7 @@ def _up_axis(path: Path, wanted: str | None, to_head: FloatArray) -> FloatArray:
         axis["xyz".index(wanted)] = 1.0
     elif abs(to_head[largest]) <= _MIN_UP_COSINE * np.linalg.norm(to_head):
         shown = ", ".join(f"{x:.3g}" for x in to_head)
-        problem = f"no axis points up: from hips to head is ({shown}) in the mean"
+        problem = f"no axis points up: the mean vector from hips to head is ({shown})"
         raise RecordingError(path, "MOTION", problem, "an upright person, or the option bvh_up_axis (y or z)")
     else:
         axis[largest] = np.sign(to_head[largest])

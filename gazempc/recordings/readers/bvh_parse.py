@@ -154,7 +154,7 @@ class _Lines:
 
     def next(self, expected: str) -> list[str]:
         if self.at_end:
-            raise self.error("the file ends here (cut off?)", expected)
+            raise self.error("the file ends here (truncated?)", expected)
         self.number, words = self._lines[self._next]
         self._next += 1
         return words

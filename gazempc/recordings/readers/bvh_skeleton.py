@@ -60,8 +60,8 @@ def find_skeleton(path: Path, joints: list[Joint], wanted_head: str | None, want
     Args:
         path: File, for messages.
         joints: All joints.
-        wanted_head: Name of the head's joint; None: by name, else the far end of the body's middle.
-        wanted_hips: Name of the hips' joint; None: by name, else the joint where the legs part, else the root.
+        wanted_head: Name of the head's joint; None: by name, else the far end of the central chain.
+        wanted_hips: Name of the hips' joint; None: by name, else the common ancestor of the legs, else the root.
 
     Returns:
         The skeleton.
@@ -76,9 +76,9 @@ def find_skeleton(path: Path, joints: list[Joint], wanted_head: str | None, want
         named = _named(joints, ("head",))
         heads = [k for k in named if not set(_to_root(joints, k)[1:]) & set(named)]
     if not heads:
-        heads, head_by = _middle_end(joints, pairs), "far end of the body's middle"
+        heads, head_by = _middle_end(joints, pairs), "far end of the central chain"
     if len(heads) != 1:
-        problem = f"{_names(joints, heads)} may be the head" if heads else "no joint that may be the head"
+        problem = f"several candidates for the head: {_names(joints, heads)}" if heads else "no candidate for the head"
         raise RecordingError(path, "HIERARCHY", problem, f"the option bvh_head_joint, one of {_names(joints)}")
     hips = _wanted(path, joints, wanted_hips, "bvh_hips_joint") or _named(joints, ("hips", "hip", "pelvis"))
     return Skeleton(heads[0], (hips or [_parting(joints, pairs, heads[0])])[0], pairs, bool(by_name), head_by)
@@ -156,7 +156,7 @@ def person_axes(
         raise RecordingError(path, "HIERARCHY", problem, expected)
     forward = _along_axis(ahead - (ahead @ up) * up)
     if forward is None:
-        problem = f"the person faces {axis_name(up)}, the direction of the head"
+        problem = f"the facing {axis_name(up)} is the direction of the head"
         raise RecordingError(path, "HIERARCHY", problem, f"another axis: {option}")
     forward -= (forward @ up) * up
     forward /= np.linalg.norm(forward)

@@ -243,7 +243,7 @@ def _check_body(source: Path, from_pelvis_m: FloatArray, note: str) -> None:
         raise RecordingError(source, "positions", problem, expected)
     x_m, y_m, z_m = np.median(from_pelvis_m, axis=0)
     if z_m < 0.5 * np.linalg.norm((x_m, y_m, z_m)):
-        problem = f"z does not point up: from pelvis to head is ({x_m:.2f}, {y_m:.2f}, {z_m:.2f}) m (median)"
+        problem = f"z does not point up: the vector from pelvis to head is ({x_m:.2f}, {y_m:.2f}, {z_m:.2f}) m (median)"
         raise RecordingError(source, "positions", problem, f"metres with z up and the person upright{note}")
 
 
@@ -298,5 +298,5 @@ def _spline(path: Path, times_s: FloatArray, position_m: FloatArray, seen: BoolA
             smooth_m[seen, axis] = make_smoothing_spline(knots, position_m[seen, axis])(knots)
     except (ValueError, np.linalg.LinAlgError) as error:
         problem = f"the track cannot be smoothed ({error})"
-        raise RecordingError(path, "time stamps", problem, "frames at a steady rate") from None
+        raise RecordingError(path, "time stamps", problem, "frames at a constant rate") from None
     return smooth_m

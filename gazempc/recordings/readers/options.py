@@ -23,7 +23,7 @@ class ReadOptions(BaseModel):
         default=None, description="TOML file with the meaning of the columns; default: the file beside the table"
     )
     guess: Annotated[bool, tyro.conf.arg(aliases=["--guess"])] = Field(
-        default=False, description="Guess the meaning of the columns, and print the guess"
+        default=False, description="Infer the meaning of the columns, and print it"
     )
     person: str | None = Field(
         default=None, description="Person to read, of several; default: the person with the longest track"

@@ -120,10 +120,10 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     for what, field in _OPTIONAL_PARTS.items():
         unknown = int((~np.isfinite(getattr(track, field)).all(axis=1)).sum())
         if 0 < unknown < rows.size:
-            notes.append(f"{what} is not known in {unknown} of {rows.size} rows")
+            notes.append(f"{what} is unknown in {unknown} of {rows.size} rows")
     if mapping.origin == "hips" and rows.size:
         track = _lifted_from_hips(path, track)
-        note = f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m"
+        note = f"positions are relative to the hips, which are placed at {HIPS_HEIGHT_M} m"
         notes.append(f"{note}: the file does not contain the walk itself")
     kind = mapping.kind or "motion capture"
     found = recording_of(

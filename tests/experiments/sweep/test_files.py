@@ -55,7 +55,7 @@ def test_all_errors_of_a_file_are_reported_together(tmp_path):
         ({"base": {"controller": "mcp"}}, "perhaps you meant 'mpc'"),
         ({"vary": {"horizon_s": [0.5, 1]}}, "'mpc.horizon_s'"),
         ({"vary": {"mpc.horizon_s": [True]}}, "float"),
-        ({"cases": [{"name": "a"}, {"name": "a"}]}, "used twice"),
+        ({"cases": [{"name": "a"}, {"name": "a"}]}, "duplicate name"),
         ({"vary": {"neck.pan.position_min_deg": [0, 90]}}, "must be less than position_max_deg"),
     ],
 )

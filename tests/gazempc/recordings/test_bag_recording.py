@@ -56,7 +56,7 @@ def test_a_face_is_read_in_the_sensor_frame_from_folder_or_file(tmp_path, storag
     np.testing.assert_allclose(walk.truth.head_position_m, WALK, atol=1e-6)  # unchanged by smoothing
     np.testing.assert_allclose(walk.delays_s, 0.05, atol=1e-6)
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", np.pi), 1e-5)
-    assert "face_a, 60 frames in camera_color_optical_frame, optical axes turned" in walk.notes[0]
+    assert "face_a, 60 frames in camera_color_optical_frame, optical axes rotated" in walk.notes[0]
     (file,) = bag.glob(f"*{ending}")
     assert load(file).times_s.size == 60
     alone = load(file.rename(tmp_path / f"alone{ending}"))
@@ -76,7 +76,7 @@ def test_face_axes_are_inferred_from_the_viewing_direction(tmp_path):
     """z out of the face and y down, as in head pose estimators for cameras."""
     walk = load(bag_of(tmp_path, facing_rows("face_a", Rotation.from_euler("y", np.pi))))
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", np.pi), 1e-5)
-    assert "+z is taken for the axis out of the face, -y for up" in "\n".join(walk.notes)
+    assert "+z is used as the axis out of the face, -y as up" in "\n".join(walk.notes)
 
 
 def test_orientations_with_ambiguous_axes_are_omitted_with_a_note(tmp_path):

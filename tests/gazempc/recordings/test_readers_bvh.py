@@ -205,7 +205,7 @@ EXPORTS = {
     "rigify": (
         sk.BLENDER_RIGIFY,
         {"axes": sk.Z_UP_FACING_MINUS_Y, "unit_m": 1.0, "head": "spine.006"},
-        ["head spine.006 (tip of its bone, far end of the body's middle)", "hips spine,"],
+        ["head spine.006 (tip of its bone, far end of the central chain)", "hips spine,"],
     ),
     "no_names": (
         sk.NUMBERED,
@@ -251,13 +251,13 @@ def test_without_feet_a_walk_gives_the_facing_and_standing_requires_an_option(tm
     truth = load(stands, ReadOptions(bvh_facing="-z")).truth
     yaw = Rotation.from_quat(truth.head_quat_wxyz[0], scalar_first=True).as_euler("ZYX")[0]
     assert abs(yaw) == pytest.approx(np.pi - sk.HEAD_YAW_RAD, abs=1e-6)
-    with pytest.raises(RecordingError, match=r"faces y, the direction of the head.*bvh_facing"):
+    with pytest.raises(RecordingError, match=r"facing y is the direction of the head.*bvh_facing"):
         load(stands, ReadOptions(bvh_facing="y"))
 
 
 def test_without_a_head_the_message_names_the_option(tmp_path):
     tree = ("A", (0, 0, 0), [("B", (0, 0, 0.4), (0.0, 0.0, 0.3))])
-    with pytest.raises(RecordingError, match=r"no joint that may be the head.*bvh_head_joint, one of A, B"):
+    with pytest.raises(RecordingError, match=r"no candidate for the head.*bvh_head_joint, one of A, B"):
         load(sk.write_bvh(tmp_path / "walk.bvh", tree, head="B"))
 
 
@@ -268,7 +268,7 @@ def test_two_heads_require_an_option(tmp_path, named):
     second = ("Prop", (0.0, 0.0, 0.2), [("Prop_Head" if named else "Bone_91", (0.3, 0.0, 0.4), (0.0, 0.0, 0.1))])
     tree = sk.renamed((hips, offset, [*grown, second]), lambda name: f"A_{name}")
     path = sk.write_bvh(tmp_path / "walk.bvh", tree, head=f"A_{head}")
-    with pytest.raises(RecordingError, match=rf"A_{head}, A_\w+ may be the head.*bvh_head_joint"):
+    with pytest.raises(RecordingError, match=rf"candidates for the head: A_{head}, A_\w+.*bvh_head_joint"):
         load(path)
     assert_walk(load(path, ReadOptions(bvh_head_joint=f"A_{head}")))
 

@@ -145,7 +145,7 @@ def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path):
     recording = load(write_rows(tmp_path / "walk.csv", rows))
     unknown = np.isnan(recording.truth.pelvis_quat_wxyz).any(axis=1)
     np.testing.assert_array_equal(np.flatnonzero(unknown), [7])
-    assert "orientation is not known in 1 of 60 rows" in recording.notes[0]
+    assert "orientation is unknown in 1 of 60 rows" in recording.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,7 @@ def test_unknown_recordings_are_refused_with_the_accepted_kinds(tmp_path):
         "x" * 5000: [""],
     }
     (tmp_path / "a.xlsx").write_bytes(b"x")
-    cases[str(tmp_path / "a.xlsx")] = ["unknown kind of file '.xlsx'", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"]
+    cases[str(tmp_path / "a.xlsx")] = ["unknown file type '.xlsx'", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"]
     for name, named in cases.items():
         assert_refused(name, *named)
 

@@ -130,7 +130,7 @@ def _axes_matrix(text: str, source: str) -> FloatArray:
     found = [match for part in parts if (match := _AXIS.fullmatch(part.lower()))]
     if len(parts) != 3 or len({match[2] for match in found}) != 3:
         raise SettingsError(
-            f"{source}: axes {text!r}: expected one of {', '.join(AXES)}, or the file's axes that point forward, left "
+            f"{source}: axes {text!r}: expected one of {', '.join(AXES)}, or the file's axes for forward, left "
             "and up, such as [z,-x,-y]"
         )
     return np.array(

@@ -92,7 +92,7 @@ class ShippedMapping(ColumnMapping):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if self.t is None or self.head is None:
-            raise ValueError("t and head are needed")
+            raise ValueError("t and head are required")
         return self
 
 

@@ -72,7 +72,7 @@ def choose_from_header(table: RawTable, names: list[str], wanted: str | None) ->
     if len(likely) == 1:
         others = ", ".join(name for name in names if name != likely[0])
         return likely[0], [f"the head is {likely[0]!r}; also in the file: {others}; choose by --reading.person"]
-    problem = f"several could be the person's head: {', '.join(likely or names)}"
+    problem = f"several candidates for the head: {', '.join(likely or names)}"
     raise RecordingError(table.path, "header", problem, f"a choice, such as --reading.person {(likely or names)[0]!r}")
 
 

@@ -175,7 +175,9 @@ def _motive_table(path: Path, rows: list[Row]) -> RawTable:
         problem = f"no line that begins with {_AXES!r} under kinds and names of objects"
         raise RecordingError(path, "header", problem, "a CSV export of Motive with headers")
     if facts.get("Coordinate Space", "Global").strip() not in ("Global", ""):
-        raise RecordingError(path, "header", f"Coordinate Space {facts['Coordinate Space']!r}", "an export in Global")
+        raise RecordingError(
+            path, "header", f"Coordinate Space {facts['Coordinate Space']!r}", "an export with Coordinate Space Global"
+        )
     names = []
     for k, axis in enumerate(rows[axes][1]):
         over = (above[0], above[1], rows[axes - 1][1])
@@ -186,7 +188,7 @@ def _motive_table(path: Path, rows: list[Row]) -> RawTable:
     length = UNIT_WORDS.get(facts.get("Length Units", "").strip().lower())
     units = {name: length for name in names if length and (".Position." in name or ".Marker." in name)}
     rotation = facts.get("Rotation Type", "Quaternion").strip()
-    note = f"orientations are Euler angles in the order {rotation}: export quaternions, or give "
+    note = f"orientations are Euler angles in the order {rotation}: export quaternions, or add "
     notes = [] if rotation == "Quaternion" else [f"{note}head_euler=NAME.Rotation:ORDER:deg"]
     return _table(path, "motive", names, rows[axes + 1 :], units, facts.get("Export Frame Rate", ""), notes)
 

@@ -199,7 +199,7 @@ def in_metres(columns: Columns, text: str, what: str) -> FloatArray:
         raise RecordingError(columns.table.path, f"mapping of the {what}", f"{text!r}", "a sum of points: A+B")
     unit = (words or [unit or "m"])[-1]
     if unit not in LENGTHS_M:
-        raise RecordingError(columns.table.path, f"columns of the {what}", f"they are in {unit}", "a unit of length")
+        raise RecordingError(columns.table.path, f"columns of the {what}", f"their unit is {unit}", "a unit of length")
     return np.asarray(np.mean([values for _, values in found], axis=0) * LENGTHS_M[unit])
 
 
@@ -255,7 +255,7 @@ def seconds(columns: Columns, text: str) -> FloatArray:
         elif unit in TIMES_S:
             total += columns.table.numbers(name) * TIMES_S[unit]
         else:
-            raise RecordingError(columns.table.path, f"column {name}", f"it is in {unit}", "a unit of time")
+            raise RecordingError(columns.table.path, f"column {name}", f"its unit is {unit}", "a unit of time")
     return total
 
 

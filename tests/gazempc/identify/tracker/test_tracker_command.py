@@ -80,7 +80,7 @@ def test_a_bag_gives_latency_and_losses(tmp_path, capsys):
     assert sensor.head_yaw.noise_deg == pytest.approx(3.0, rel=0.15)
     assert (sensor.loss.duration_min_s, sensor.loss.duration_max_s) == pytest.approx((0.5, 1.0), rel=1e-3)
     assert sensor.dropout_probability == pytest.approx(1 / TIMES_S.size, rel=0.01)
-    assert "optical axes turned" in capsys.readouterr().out
+    assert "optical axes rotated" in capsys.readouterr().out
 
 
 def test_wander_of_a_walking_person_is_omitted_with_a_warning(tmp_path, capsys):
@@ -102,7 +102,7 @@ def test_invalid_recordings_are_refused(tmp_path, capsys):
     out = ("--out", str(tmp_path / "mine.toml"))
     assert "no such recording" in refused(capsys, "--tracker", "nowhere.csv", *out)
     (tmp_path / "notes.xlsx").write_text("hello")
-    assert "unknown kind of file" in refused(capsys, "--tracker", str(tmp_path / "notes.xlsx"), *out)
+    assert "unknown file type" in refused(capsys, "--tracker", str(tmp_path / "notes.xlsx"), *out)
     short = write_table(tmp_path / "short.csv", TIMES_S[:30], SEEN_M[:30])
     assert "at least 60 frames in 3 s" in refused(capsys, "--tracker", str(short), *out)
     assert "--person" in refused(capsys, "--robot", "simulated", "--person", "anna", *out)
