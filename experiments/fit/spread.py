@@ -76,7 +76,7 @@ class Found:
 
 
 def fit_spread(found: Found) -> Spread:
-    """Fit scales and log_tails of a t distribution to errors.
+    """Fit scale and degrees of freedom of a t distribution to errors.
 
     At each knot the errors have a t distribution with v degrees of freedom. Its scale on axis i is the root of
     exp(2 s_i) + (share noise_i)^2, with s = doubt · b + tanh(doubt · h) · c. All are fitted by penalised

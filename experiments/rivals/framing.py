@@ -1,7 +1,7 @@
 """Compare framing of a person by pan-tilt cameras: this project's and other control laws on three devices.
 
 Laws with free constants have the best ones on the evaluated clips (in-sample). Laws with angle output drive a device
-with angle commands, delay and top speed being equal; most cameras have none.
+with angle commands, at equal delay and top speed; most cameras lack them.
 """
 
 from __future__ import annotations

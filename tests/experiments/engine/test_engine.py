@@ -35,7 +35,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_result_file_is_reported_and_moved_away(damage, tmp_path, capsys):
+def test_a_damaged_result_file_is_reported_and_deleted(damage, tmp_path, capsys):
     cache = Cache(tmp_path)
     cache.keep("key", ROW)
     path = cache.path("key")
