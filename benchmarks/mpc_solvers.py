@@ -1,10 +1,10 @@
-"""The gaze MPC's solver beside other ways to solve the same problem: `python -m benchmarks.mpc_solvers`.
+"""Compare the gaze MPC's solver with other solvers of the same problem: `python -m benchmarks.mpc_solvers`.
 
-One closed-loop run of the MPC is simulated. A person walks past, first with their way known ahead, then forecast from
-noisy sightings. After that the target changes every second, 50 to 90 degrees away and once beyond the limits. So limits
-of position, velocity, acceleration and jerk bind. Every solver gets the states and references of this run's control
-ticks, one after the other; its commands are compared with an accurate solution. Times are process CPU time of whole
-calls as seen from Python, for both joints, on one thread. They depend on the machine: read the ratios.
+One closed-loop run of the MPC is simulated. A person walks past, first with known future positions, then with forecasts
+from noisy observations. Then the target changes every second, by 50 to 90 degrees and once beyond the limits, so that
+limits of position, velocity, acceleration and jerk are active. Every solver solves the sequence of states and
+references of this run's control ticks; its commands are compared with an accurate solution. Times are process CPU time
+of complete calls from Python, for both joints, on one thread; only their ratios are independent of the machine.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ def main(
     """Measure, print and save; needs the extra `bench`.
 
     Args:
-        ticks: Control ticks of the run; six tenths of them of the person walking.
-        growth: Lengths of the horizon to measure ours with, control periods.
-        json_file: Where to save the figures.
+        ticks: Control ticks of the run; 60 % with the walking person.
+        growth: Horizon lengths for this project's solver, control periods.
+        json_file: File for the figures.
     """
     neck = load_neck("reference")
     run = simulated_run.simulate(neck, STEPS, ticks)
@@ -51,7 +51,7 @@ def main(
     print(
         f"ticks_over: more than {AGREE_RAD:g} rad from the accurate command; the first {WARM_UP} calls are not timed."
     )
-    print(f"A limit binds in {binding} of {ticks} ticks; limits left in {run.softened}. Answered by: {run.solvers}.")
+    print(f"A limit is active in {binding} of {ticks} ticks, violated in {run.softened}. Solvers: {run.solvers}.")
     print(simulated_run.table(grown))
     if json_file is not None:
         found = {"peers": peers, "growth": grown, "ticks": ticks, "ticks_with_limits": binding, "versions": versions()}

@@ -48,7 +48,7 @@ def code_lines(source: str) -> int:
 
 
 def sizes(folder: Path) -> dict[Path, int]:
-    """Lines of code of the modules in a folder and below, by path; empty where the folder is missing."""
+    """Lines of code of the modules in a folder and below, by path; empty if there is no such folder."""
     return {path: code_lines(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.py"))}
 
 
@@ -64,7 +64,7 @@ def table(root: Path) -> list[str]:
         root: Folder of the checkout.
 
     Returns:
-        Lines of the table; that of a package includes its subfolders.
+        Lines of the table; a package's line includes its subfolders.
     """
     rows = [f"{'folder':<30}{'lines':>8}{'modules':>9}{f'< {SMALL_LINES}':>6}"]
     for package in PACKAGES:

@@ -1,9 +1,8 @@
-"""A long live run on the real clock: `python -m benchmarks.soak`.
+"""Endurance test of a live run in real time: `python -m benchmarks.soak`.
 
-A synthetic person walks past again and again. The loop plans in the background and commands a simulated neck, as
-`gazempc live` does, and writes its logs to a temporary folder. Reported: lateness
-of ticks, skipped ticks, load of a processor core, memory after the first minute and at the end, and violated limits.
-Lateness depends on the machine and on its other work.
+A synthetic person walks past repeatedly. As in `gazempc live`, the loop plans in the background, commands a simulated
+neck, and writes logs, here to a temporary folder. Results: lateness of ticks, skipped ticks, load of a processor core,
+memory after the first minute and at the end, and limit violations. Lateness depends on the machine and its load.
 """
 
 from __future__ import annotations
@@ -107,7 +106,7 @@ def main(minutes: float = 10.0, rate_hz: float = 100.0) -> None:
 
     Args:
         minutes: Duration.
-        rate_hz: Commands a second; half as many plans.
+        rate_hz: Command rate; plans have half this rate.
     """
     neck = load_neck("reference").model_copy(update={"servo_rate_hz": rate_hz, "control_rate_hz": rate_hz / 2.0})
     for name, value in soak(minutes, neck).items():

@@ -1,4 +1,4 @@
-"""How long one tick takes: `python -m benchmarks.step_time`.
+"""Computing time of one tick: `python -m benchmarks.step_time`.
 
 Each stage is timed in process CPU time over one replay's worth of calls on the synthetic walk subject03_R4. Absolute
 times depend on the machine.
@@ -30,7 +30,7 @@ def main(repeats: int = 3) -> None:
     """Time all stages and print a table.
 
     Args:
-        repeats: How many times the walk is gone through.
+        repeats: Number of passes over the walk.
     """
     neck = load_neck("reference")
     placed = place(load("subject03_R4"), "recorded", 2.5, 1.2)

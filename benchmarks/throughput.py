@@ -1,8 +1,8 @@
-"""How fast replays are: `python -m benchmarks.throughput`.
+"""Speed of replays: `python -m benchmarks.throughput`.
 
 Simulated seconds per CPU second of a replay (construction of its parts included), for each gaze and forecast, on a few
-synthetic walks. Each pair has a process of its own, with one numerical thread, as a worker of an experiment has. Its
-first replay also builds what later ones share, and is reported apart.
+synthetic walks. Each pair runs in a separate process with one numerical thread, like a worker of an experiment. The
+first replay also constructs shared parts, and is reported separately.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from gazempc.sim.scene import make_scene
 
 # Each of the six routes once, by different people.
 RECORDINGS = ("subject01_R1", "subject03_R4", "subject05_R2", "subject07_R6", "subject10_R5", "subject12_R3")
-# One thread: more are slower for matrices this small, and each counts as CPU time.
+# One thread: more are slower for small matrices, and add CPU time.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -30,7 +30,7 @@ def measure(controller: str, predictor: str, repetitions: int) -> tuple[list[flo
     Args:
         controller: Name of the controller.
         predictor: Name of the predictor.
-        repetitions: Replays of each recording, of which the fastest counts: the least disturbed by other programs.
+        repetitions: Replays of each recording; the fastest, least disturbed by other programs, is used.
 
     Returns:
         Simulated seconds per CPU second of each recording; CPU time of the first replay, seconds.

@@ -1,8 +1,8 @@
 """Overhead of viewers in a live run: `python -m benchmarks.viewers`.
 
-The same replay runs on the real clock without viewers, with MCAP files, with the web page and with Foxglove's server,
-in turns. Page and server have one client each, which reads all data. Reported, as medians over the rounds: lateness and
-duration of ticks, and the part of the duration that notifies viewers. Results depend on the machine and its load.
+The same replay runs in real time without viewers, with MCAP files, with the web page and with Foxglove's server,
+in turns. Page and server have one client each, which reads all data. Results are medians over the rounds: lateness and
+duration of ticks, and the share of the duration that notifies viewers. Results depend on the machine and its load.
 """
 
 from __future__ import annotations
@@ -82,13 +82,13 @@ def run_once(kind: str, seconds: float, out: Path) -> list[float]:
     settings: LiveSettings = parse([*base, *KINDS[kind]])
     setup = build(settings)
     feed = start_viewers(settings, setup)
-    telling: list[float] = []
+    notify_ms: list[float] = []
 
     def listen(moment: Moment) -> None:
         started = time.perf_counter()
         assert feed is not None
         feed.take(moment)
-        telling.append(1e3 * (time.perf_counter() - started))
+        notify_ms.append(1e3 * (time.perf_counter() - started))
 
     run = Timed(setup, lambda log, _: log.save(out / "log_000.npz"), [] if feed is None else [listen])
     stop = threading.Event()
@@ -103,15 +103,15 @@ def run_once(kind: str, seconds: float, out: Path) -> list[float]:
         feed.close()
     late = run.report.lateness
     taken = np.percentile(run.took_ms, [50, 99]).tolist()
-    return [late.percentile_ms(50), late.percentile_ms(99), *taken, sum(telling) / len(run.took_ms)]
+    return [late.percentile_ms(50), late.percentile_ms(99), *taken, sum(notify_ms) / len(run.took_ms)]
 
 
-def main(rounds: Annotated[int, tyro.conf.arg(help="How often each")] = 5, seconds: float = 10.0) -> None:
-    """Run all kinds in turns and print what came of it.
+def main(rounds: Annotated[int, tyro.conf.arg(help="Number of runs of each kind")] = 5, seconds: float = 10.0) -> None:
+    """Run all kinds in turns and print the results.
 
     Args:
-        rounds: How often each.
-        seconds: How long each run is.
+        rounds: Number of runs of each kind.
+        seconds: Duration of each run.
 
     Returns:
         Exit status.
@@ -122,10 +122,10 @@ def main(rounds: Annotated[int, tyro.conf.arg(help="How often each")] = 5, secon
             for kind in KINDS:
                 print(f"round {k + 1} of {rounds}: {kind}", file=sys.stderr, flush=True)
                 found[kind].append(run_once(kind, seconds, Path(folder)))
-    print(f"{'viewers':<10}{'late p50':>10}{'p99':>8}{'tick p50':>10}{'p99':>8}{'telling':>10}   (ms)")
+    print(f"{'viewers':<10}{'late p50':>10}{'p99':>8}{'tick p50':>10}{'p99':>8}{'notify':>10}   (ms)")
     for kind in KINDS:
-        late50, late99, took50, took99, telling = np.median(found[kind], axis=0)
-        print(f"{kind:<10}{late50:>10.3f}{late99:>8.3f}{took50:>10.3f}{took99:>8.3f}{telling:>10.4f}")
+        late50, late99, took50, took99, notify_ms = np.median(found[kind], axis=0)
+        print(f"{kind:<10}{late50:>10.3f}{late99:>8.3f}{took50:>10.3f}{took99:>8.3f}{notify_ms:>10.4f}")
 
 
 if __name__ == "__main__":

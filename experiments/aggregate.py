@@ -100,7 +100,7 @@ def bootstrap_mean(values: Sequence[float | None], people: Sequence[str]) -> tup
     Clips of one person are correlated, so people are resampled; clips have equal weight.
 
     Args:
-        values: One value a clip, shape (N,); None and NaN are ignored.
+        values: One value per clip, shape (N,); None and NaN are ignored.
         people: Person in each clip, shape (N,).
 
     Returns:
@@ -110,8 +110,8 @@ def bootstrap_mean(values: Sequence[float | None], people: Sequence[str]) -> tup
     known = np.isfinite(each)
     if not known.any():
         return math.nan, math.nan, math.nan
-    names, whose = np.unique(np.asarray(people)[known], return_inverse=True)
-    total, count = np.bincount(whose, weights=each[known]), np.bincount(whose)
+    names, person_index = np.unique(np.asarray(people)[known], return_inverse=True)
+    total, count = np.bincount(person_index, weights=each[known]), np.bincount(person_index)
     mean = float(total.sum() / count.sum())
     if len(names) == 1:
         return mean, math.nan, math.nan
@@ -125,7 +125,7 @@ def add_gap_closed(rows: list[dict[str, Any]]) -> None:
     """Add ``gap_closed``: (reactive error - own error) / (reactive error - error with the true future).
 
     Args:
-        rows: Runs, modified in place; None if the reactive run or that with the true future is missing, or if the
+        rows: Runs, modified in place; None if the reactive run or the run with the true future is missing, or if the
             latter is not better.
     """
 
@@ -154,7 +154,7 @@ def summarise(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         rows: Runs with metrics (none left out or failed).
 
     Returns:
-        One row a combination: labels, ``n_clips``, ``n_people``, the mean of each metric under its name and its
+        One row per combination: labels, ``n_clips``, ``n_people``, the mean of each metric under its name and its
         interval under ``<name>_ci95``.
     """
     if not rows:
@@ -197,8 +197,8 @@ def paired_differences(rows: Sequence[dict[str, Any]], figure: str, first: str, 
         second: Controller of the subtrahend.
 
     Returns:
-        One row a sensor, group or kind, predictor and neck: mean difference, interval, number of pairs, and numbers of
-        negative and positive differences.
+        One row per sensor, group or kind, predictor and neck: mean difference, interval, number of pairs, and numbers
+        of negative and positive differences.
     """
 
     def same(row: dict[str, Any]) -> tuple[Any, ...]:

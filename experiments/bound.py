@@ -1,11 +1,11 @@
-"""The least gaze error any controller could have on a neck: `python -m experiments.bound --recordings synthetic`.
+"""Lower bound of the gaze error of any controller on a neck: `python -m experiments.bound --recordings synthetic`.
 
 Printed beside look-ahead, the MPC and the MPC with the true future; RMS gaze error in degrees, means over clips.
 
-The whole walk is known from the first observation of the person on. The command's limits, the dead time
-and the servo count; the tilt is taken to be on the person. The motion with the least sum of squared errors, over what
-is scored of the run, is a quadratic program. In it an error is the arc along the circle of equal tilt, which for errors
-below 57 deg is at most 4 % longer than the angle. The true least error is lower by at most that.
+The whole walk is known from the first observation of the person on. The bound includes the command's limits, the dead
+time and the servo; the tilt is assumed to point at the person. The motion with the least sum of squared errors over the
+scored samples solves a quadratic program. Its error is the arc along the circle of equal tilt, at most 4 % longer than
+the angle for errors below 57 deg; the true bound is lower by at most this share.
 """
 
 from __future__ import annotations
@@ -136,10 +136,10 @@ class BoundSettings(WorkSettings, SceneSettings):
 
     recordings: tuple[str, ...] = Field(min_length=1, description="'synthetic', folders, files or synthetic names")
     neck: str = Field(default="slow", description="Shipped neck or .toml file")
-    placement: Placement | None = Field(default="side", description="Where the robot stands")
+    placement: Placement | None = Field(default="side", description="Placement of the robot")
     distance_m: float = Field(default=1.0, gt=0, description="Distance of the robot from the walk, for placement side")
     walker: WalkerSettings = WalkerSettings()
-    out: Path = Field(default=Path("out/bound"), description="Where to write; an interrupted run goes on there")
+    out: Path = Field(default=Path("out/bound"), description="Output folder; an interrupted run resumes from it")
 
 
 def bound(**settings: Any) -> list[Row]:
@@ -149,10 +149,10 @@ def bound(**settings: Any) -> list[Row]:
         **settings: Any of `BoundSettings`, such as ``recordings=["synthetic"], neck="slow"``.
 
     Returns:
-        One row a recording: ``group``, RMS errors of `COLUMNS` in degrees, ``left_out`` and ``failed``.
+        One row per recording: ``group``, RMS errors of `COLUMNS` in degrees, ``left_out`` and ``failed``.
 
     Raises:
-        GazempcError: On bad input, before anything runs.
+        GazempcError: On invalid input, before any run.
     """
     return _bound(BoundSettings.of("bound", settings))
 
@@ -186,10 +186,10 @@ def summarise(rows: Sequence[Row]) -> list[Row]:
     """Means over clips, group by group.
 
     Args:
-        rows: One row a recording: group, and RMS errors of `COLUMNS` in degrees.
+        rows: One row per recording: group, and RMS errors of `COLUMNS` in degrees.
 
     Returns:
-        One row a group with clips: number of clips, mean errors, and ratio of bound to look-ahead error.
+        One row per group with clips: number of clips, mean errors, and ratio of bound to look-ahead error.
     """
     summary = []
     for group in (*GROUP_ORDER, "all"):

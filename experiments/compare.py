@@ -40,10 +40,10 @@ class CompareSettings(ChoiceSettings, PlaceSettings):
     """Settings of `python -m experiments.compare`."""
 
     controllers: tuple[GazeChoice, ...] = Field(
-        default=GAZES, min_length=1, description="What to compare; module:Class for your own"
+        default=GAZES, min_length=1, description="Gazes to compare; module:Class for a user-defined one"
     )
     necks: tuple[str, ...] = Field(default=("reference",), min_length=1, description="Shipped necks or .toml files")
-    out: Path = Field(default=Path("out/compare"), description="Where to write; an interrupted run goes on there")
+    out: Path = Field(default=Path("out/compare"), description="Output folder; an interrupted run resumes from it")
     figures: bool = Field(default=True, description="Draw figures")
 
 
@@ -54,11 +54,11 @@ def compare(**settings: Any) -> list[Row]:
         **settings: Any of `CompareSettings`, such as ``recordings=["synthetic"], controllers=["lookahead", "mpc"]``.
 
     Returns:
-        One row a run: labels, ``left_out`` and ``failed`` (the reason, or None), all metrics, and ``faults``, the
+        One row per run: labels, ``left_out`` and ``failed`` (the reason, or None), all metrics, and ``faults``, the
         caught exceptions, if any.
 
     Raises:
-        GazempcError: On bad input, before anything runs.
+        GazempcError: On invalid input, before any run.
     """
     checked = CompareSettings.of("compare", settings)
     rows = _replay_all(checked)
@@ -90,7 +90,7 @@ def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
     """Every combination on every recording, after validation of the settings.
 
     Args:
-        settings: What to compare.
+        settings: Settings of the comparison.
 
     Returns:
         Labels and job of each run; the run with the true future, which has no predictor, once for each neck and sensor.
@@ -125,7 +125,7 @@ def write(settings: CompareSettings, rows: list[Row], command: str) -> tuple[str
     """Write ``results.csv``, ``summary.json``, ``summary.md``, ``report.html`` and figures.
 
     Args:
-        settings: What was compared.
+        settings: Settings of the comparison.
         rows: Result of `compare`.
         command: Command line that reproduces it.
 
@@ -174,7 +174,7 @@ def _seen_in_fitting(settings: CompareSettings, done: list[Row]) -> list[str]:
 
 def _about(summary: Row, done: Sequence[Row]) -> list[str]:
     """Description of the averages, in sentences."""
-    placement = summary["settings"]["placement"] or "that fits each recording"
+    placement = summary["settings"]["placement"] or "by recording"
     counted = Counter({r["source"]: r["data_kind"] for r in done}.values())
     kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counted.items()))
     return [
@@ -193,7 +193,7 @@ def _page(summary: Row, done: Sequence[Row], plots: Iterable[Plot], pictures: It
     rows, chosen = summary["rows"], summary["settings"]
     return Page(
         title="Comparison of gazes",
-        question="Which gaze keeps eye contact with people who walk, and by how much is it better?",
+        question="Which gaze keeps eye contact with walking people, and by how much is it better?",
         answer=tuple(_answers(rows)),
         setup={
             "recordings": ", ".join(chosen["recordings"]),
@@ -234,7 +234,7 @@ def _tables(summary: Row) -> Iterator[PageTable]:
 
 
 def _plots(done: Sequence[Row]) -> Iterator[tuple[str, Plot]]:
-    """Cumulative distribution of the gaze error over clips, one plot a sensor and neck."""
+    """Cumulative distribution of the gaze error over clips, one plot per sensor and neck."""
     several = len({run["predictor"] for run in done if run["predictor"] != "perfect"}) > 1
     looks = styles(dict.fromkeys(run["controller"] for run in done))
     places = grouped(done, "sensor", "neck")
@@ -262,7 +262,7 @@ def _gaze_table(rows: list[Row], title: str = "") -> PageTable:
     """Means of each gaze."""
     # Most recordings have no kind.
     has_kinds = any(r["kind"] != "all" for r in rows)
-    # Without body and eyes, the head's acceleration is that of all joints.
+    # Without body and eyes, the accelerations of head and joints are equal.
     has_more = any(r["head_rms_acceleration_rad_s2"] != r["rms_acceleration_rad_s2"] for r in rows)
 
     def mean(name: str, form: str, factor: float = 1.0) -> Callable[[Row], str]:
@@ -282,7 +282,7 @@ def _gaze_table(rows: list[Row], title: str = "") -> PageTable:
         "RMS acceleration [rad/s^2]": mean("rms_acceleration_rad_s2", ".2f"),
         **({"of the head [rad/s^2]": mean("head_rms_acceleration_rad_s2", ".2f")} if has_more else {}),
     }
-    # Optional columns: of eyes, of people who start, of people who stay.
+    # Optional columns: for eyes, for people who start to walk, for people who stay.
     for heading, name, form in (
         ("eyes aside, 95 % below [deg]", "eye_eccentricity_p95_deg", ".1f"),
         ("start to contact [s]", "time_from_start_to_contact_s", ".2f"),

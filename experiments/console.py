@@ -11,7 +11,7 @@ from gazempc.signals import end_during_imports
 
 COMMANDS = {
     "run": ("gazempc.run", "replay a walk to several gazes, with table and pictures"),
-    "live": ("gazempc.live.__main__", "look at a person who is there now"),
+    "live": ("gazempc.live.__main__", "direct a robot's gaze at people, in real time"),
     "identify": ("gazempc.identify.identify", "measure a neck's dead time and servo"),
     "margins": ("gazempc.margins.command", "stability margins for errors of a neck file"),
     "export": ("gazempc.export", "write a log as csv, parquet or mcap"),
@@ -19,8 +19,8 @@ COMMANDS = {
     "sweep": ("experiments.sweep.sweep", "vary settings over many recordings"),
     "forecast": ("experiments.forecast.command", "compare forecasts over many recordings"),
     "fit": ("experiments.fit.command", "fit the predictor walker to recordings"),
-    "rivals": ("experiments.rivals.comparison", "compare with control laws that others run"),
-    "paper": ("experiments.paper.reproduction", "repeat the validation of Tamaru et al. 2021"),
+    "rivals": ("experiments.rivals.comparison", "compare with other robots' control laws"),
+    "paper": ("experiments.paper.reproduction", "reproduce the validation of Tamaru et al. 2021"),
 }
 _BAD_INPUT = 2
 

@@ -1,9 +1,9 @@
-"""Compare the fronts of two gazes in a sweep: `python -m experiments.fronts out/sweep/fronts`.
+"""Compare the Pareto fronts of two gazes in a sweep: `python -m experiments.fronts out/sweep/fronts`.
 
-Each case of the sweep has swept what trades exactness against smoothness. At every point of the rival's front that the
-other's front reaches (not smoother than its smoothest point), the two are compared at the same RMS acceleration. The
-error is compared as a ratio, the eye contact as a difference. A line of the table is the mean over these points with
-its 95 % interval over people, and the point where the case does worst. With eyes it is the acceleration of the head.
+Each case varies a trade-off between accuracy and smoothness. The two are compared at the RMS acceleration of every
+point of the rival's front within the range of the other front: the error as a ratio, the eye contact as a difference. A
+line of the table is the mean over these points with its 95 % interval over people, and the worst point. With eyes the
+acceleration is the head's.
 """
 
 from __future__ import annotations
@@ -130,9 +130,9 @@ Row = dict[str, Any]
 class FrontsSettings(Settings):
     """Settings of `python -m experiments.fronts`."""
 
-    sweep: Annotated[Path, tyro.conf.Positional] = Field(description="What `experiments.sweep` wrote to (a folder)")
-    case: str = Field(default="mpc", description="Case that is to be on or better than the rival's front")
-    rival: str = Field(default="lookahead", description="Case to compare with")
+    sweep: Annotated[Path, tyro.conf.Positional] = Field(description="Output folder of `experiments.sweep`")
+    case: str = Field(default="mpc", description="Case to compare")
+    rival: str = Field(default="lookahead", description="Reference case")
 
 
 def fronts(settings: FrontsSettings, _: str = "") -> int:
@@ -151,7 +151,7 @@ def fronts(settings: FrontsSettings, _: str = "") -> int:
     cases = sorted({row["case"] for row in runs})
     for name in (settings.case, settings.rival):
         if name not in cases:
-            raise SettingsError(f"{settings.sweep / 'results.csv'}: no case {name!r}; there are {', '.join(cases)}")
+            raise SettingsError(f"{settings.sweep / 'results.csv'}: no case {name!r}; accepted: {', '.join(cases)}")
     by = [name for name in ("neck", "sensor", "predictor") if name in runs[0]]
     found = []
     for place, here in sorted(grouped(runs, *by).items()):
@@ -190,7 +190,7 @@ def _cell(margin: Row, name: str, add: float) -> str:
 
 
 def _common(runs: Sequence[Row]) -> list[str]:
-    """Recordings that are present at every point of every case."""
+    """Recordings at every point of every case."""
     names = ({row["recording"] for row in of_point} for of_point in grouped(runs, "case", "point").values())
     return sorted(set.intersection(*names))
 

@@ -50,7 +50,7 @@ def count(n: int, one: str, many: str | None = None) -> str:
 
 
 def table_of(title: str, rows: Iterable[Any], columns: Mapping[str, Callable[[Any], str]], note: str = "") -> PageTable:
-    """A table with one line a row.
+    """A table with one line per row.
 
     Args:
         title: Heading.

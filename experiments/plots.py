@@ -51,7 +51,7 @@ def draw(
     """Draw plots as panels with a shared y axis and legend.
 
     Args:
-        plots: One a panel, all with the same lines.
+        plots: One per panel, all with the same lines.
         path: PNG file to write.
         about: Description of the data.
         rows: Number of rows of panels.
@@ -105,7 +105,7 @@ def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
 def points(
     rows: Mapping[str, Mapping[str, Any]], x: str, y: str, factor: float, colours: Mapping[str, str]
 ) -> tuple[Line, ...]:
-    """One point a row, with its vertical interval.
+    """One point per row, with its vertical interval.
 
     Args:
         rows: Means by label; the interval of `y` is under ``<y>_ci95``.

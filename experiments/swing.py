@@ -1,8 +1,8 @@
-"""At which error of its model does a neck begin to swing? `python -m experiments.swing --necks reference reachy_mini`.
+"""Model error at the stability limit of a neck, simulated: `python -m experiments.swing --necks reference reachy_mini`.
 
-MPC, observer, smoother and simulated neck in closed loop, with a person who stands still and a small error at the
-start: no limit is active. The error of the model, in the gain or in the dead time, is increased by bisection until the
-oscillation of the pan grows. Beside it stands what `gazempc margins` computes.
+MPC, observer, smoother and simulated neck in closed loop, with a person at rest and a small initial error, so that no
+limit is active. Bisection finds the error of gain or dead time beyond which the oscillation of the pan grows. The table
+compares it with `gazempc margins`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class SwingSettings(Settings):
 
 
 def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
-    """Pan angle in closed loop, one value a servo period, radians.
+    """Pan angle in closed loop, one value per servo period, radians.
 
     Args:
         neck: Model of the controller.

@@ -57,7 +57,7 @@ def run_command(name: str, work: Callable[[], int]) -> int:
 
 
 def run_interruptible(
-    name: str, work: Callable[[], int], then: str = "run the same command again to go on", grace_s: float | None = None
+    name: str, work: Callable[[], int], then: str = "run the same command again to resume", grace_s: float | None = None
 ) -> int:
     """`run_command` with a message and a status for signals.
 

@@ -1,9 +1,9 @@
-"""How well the camera source sees: `python -m benchmarks.camera`.
+"""Accuracy of the camera source: `python -m benchmarks.camera`.
 
-On rendered pictures (MuJoCo, in software; 640 x 480 pixels, 60 degrees across) of a real face before clutter. Measured
-are bearing, range, head yaw and detection by distance and by the turn of the head, false faces, and processor time.
-Then the error of the time of capture, with pictures that a server sends at known times. Last a whole live run: a camera
-on the head of MuJoCo's neck, and a person who walks past. It takes about two minutes.
+Images of a real face in front of clutter are rendered (MuJoCo, in software; 640 x 480 pixels, 60 degrees horizontally).
+It measures bearing, range, head yaw and detection rate by distance and head yaw, false faces, and processor time; the
+error of the capture time, with images sent by a server at known times; and a complete live run: a camera on the head of
+MuJoCo's neck, and a person who walks past. It takes about two minutes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def figures(seen: Seen) -> tuple[float, ...]:
     Returns:
         Detection rate, RMS bearing error, mean and standard deviation of the range error, RMS error of the head's yaw,
         mean NEES (3 for a consistent covariance), number of false observations, number of track identities, and
-        processor time an image; NaN without observations.
+        processor time per image; NaN without observations.
     """
 
     def rms(values: FloatArray) -> float:

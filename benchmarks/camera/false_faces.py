@@ -1,8 +1,7 @@
-"""False faces a minute: `python -m benchmarks.camera.false_faces [VIDEO ...]`.
+"""False faces per minute: `python -m benchmarks.camera.false_faces [VIDEO ...]`.
 
-Pictures in which no face is to be seen: rendered heads from behind and from aside, pans over scikit-image's photographs
-without people, and given videos, in which each face is counted as a false one (people from behind). It takes about
-two minutes.
+Images without visible faces: rendered heads from behind and from the side, pans over scikit-image's photographs without
+people, and given videos of people from behind; each detection is false. It takes about two minutes.
 """
 
 from __future__ import annotations
@@ -82,16 +81,16 @@ def count(detector: BlazeFace, kind: str, cameras: Iterable[Iterator[Any]], peri
             with_face += bool(found)
             seen |= {person.person_id for person in found}
         names += len(seen)
-    a_minute = 60 * names / (pictures * period_s)
-    said = f"{pictures:6} pictures, {with_face:4} with a false face, {a_minute:6.1f} false faces a minute"
-    print(f"{kind:<52} {said}", flush=True)
+    per_minute = 60 * names / (pictures * period_s)
+    rates = f"{pictures:6} pictures, {with_face:4} with a false face, {per_minute:6.1f} false faces per minute"
+    print(f"{kind:<52} {rates}", flush=True)
 
 
 def main(videos: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()) -> None:
     """Count and print.
 
     Args:
-        videos: Videos in which no face is to be seen.
+        videos: Videos without visible faces.
     """
     detector, studio = BlazeFace(), Studio()
     data: Any = importlib.import_module("skimage.data")

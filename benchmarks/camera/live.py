@@ -1,6 +1,6 @@
 """A complete live run on rendered images: a camera on the head of a MuJoCo neck, and a person who walks past.
 
-Simulated time makes the run reproducible. Images are captured 15 times a second; each observation arrives 60 ms later.
+Simulated time makes the run reproducible. Images are captured at 15 Hz; each observation arrives 60 ms later.
 """
 
 from __future__ import annotations

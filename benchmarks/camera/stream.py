@@ -21,7 +21,7 @@ _GREY_STEP = 12
 
 
 class PictureServer:
-    """Simulated network camera: motion JPEG over HTTP, 30 images a second.
+    """Simulated network camera: motion JPEG over HTTP, 30 images per second.
 
     Attributes:
         url: Address of the stream.

@@ -39,7 +39,7 @@ class Seen:
         nees: Normalised estimation error squared of the position, shape (n,); mean 3 for a consistent covariance.
         others: Number of false observations.
         names: Number of track identities of the person.
-        cpu_ms: Processor time an image, shape (frames,).
+        cpu_ms: Processor time per image, shape (frames,).
     """
 
     frames: int
@@ -83,11 +83,11 @@ def watch(
         started_s = time.process_time()
         found = sensor.see(picture, k * FRAME_S)
         cpu_ms.append(1e3 * (time.process_time() - started_s))
-        theirs = [each for each in found if _off_deg(each, person) <= _ASSOCIATION_DEG]
-        others += len(found) - len(theirs[:1])
-        if person is None or not theirs:
+        of_person = [each for each in found if _off_deg(each, person) <= _ASSOCIATION_DEG]
+        others += len(found) - len(of_person[:1])
+        if person is None or not of_person:
             continue
-        observation = theirs[0]
+        observation = of_person[0]
         position_m = observation.head_position_base_m
         names.add(observation.person_id)
         bearings.append(_off_deg(observation, person))

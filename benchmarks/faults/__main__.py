@@ -1,9 +1,9 @@
-"""What a live run does under attacks and faults: `python -m benchmarks.faults --json FILE`.
+"""Fault injection in live runs: `python -m benchmarks.faults --json FILE`.
 
-First trackers that misbehave, in simulated time. Then runs on the real clock whose lines come through sockets from
-another process: strangers, floods, long lines, wrong clocks. Then parts that return, raise or take what they must not,
-by families. `--busy 2` keeps two processors busy meanwhile. Each command is counted, and the time between two of them
-measured; an undisturbed process beside them has the gaps that the machine itself makes.
+First tracker faults in simulated time. Then real-time runs with a tracker in another process, over sockets: forged
+observations, floods, long lines, wrong clocks. Then parts with invalid results, exceptions and delays, by families.
+`--busy 2` loads two processor cores. Commands are counted, and the gaps between them measured; an undisturbed reference
+process measures the machine's own gaps.
 """
 
 from __future__ import annotations
@@ -72,11 +72,11 @@ def main(
     """Count commands and the gaps between them under attacks and faults.
 
     Args:
-        json_file: Where to write all figures.
-        seconds: Length of each run on the real clock, with a part that misbehaves at most 1.8.
-        busy: How many other processes compute meanwhile.
+        json_file: File for all figures.
+        seconds: Duration of each real-time run; at most 1.8 with a faulty part.
+        busy: Number of processes that load the processor.
         short: A few faults only.
-        only_parts: Only the parts that misbehave.
+        only_parts: Only the faulty parts.
     """
     live, simulated = list(LIVE_FAULTS), list(product(SIMULATED_FAULTS, WALKS))
     if short:
@@ -91,7 +91,7 @@ def main(
         logging.disable(logging.NOTSET)
     print("\n".join(table(parts)))
     p50_ms, p99_ms = isolation_ms(200 if short else 2000)
-    print(f"a forecast in a process of its own takes {p50_ms} ms (p50), {p99_ms} ms (p99) longer")
+    print(f"overhead of a forecast in a separate process: {p50_ms} ms (p50), {p99_ms} ms (p99)")
     rows += parts
     bad = {name: sum(getattr(row, name) for row in rows) for name in _BAD}
     print(f"runs {len(rows)}, commands {sum(row.commands for row in rows)}, {bad}")

@@ -95,7 +95,7 @@ def run_simulated(fault: str, walk: str) -> Count:
         The counts; deterministic.
     """
     setup = build(LiveSettings(source="replay", replay=walk, simulated_clock=True, out=Path()))
-    # The source opens at zero of the simulated clock, so its times are those of the true head.
+    # The source opens at time zero of the simulated clock, so its times equal the true head's.
     setup = replace(setup, source=Wrong(setup.source, "poll", _poll(SIMULATED_FAULTS[fault])))
     logs: list[Log] = []
     run = LiveRun(setup, lambda log, times: logs.append(log))

@@ -1,6 +1,6 @@
 """A tracker in a separate process, with faults: `... -m benchmarks.faults.tracker FAULT PORT SECONDS`.
 
-It sends lines by UDP, or serves them by TCP for faults of long lines.
+It sends lines by UDP; for faults of long lines it serves them by TCP.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def head_m(times_s: FloatArray) -> FloatArray:
 
 
 def line(captured_s: float, stamp_s: float, place_m: list[float] | None = None) -> bytes:
-    """Line with the observation of a time, with a given time stamp."""
+    """Line with the observation at a time, with a given time stamp."""
     seen_m = head_m(np.array([captured_s]))[0].round(4).tolist() if place_m is None else place_m
     return json.dumps({"capture_time_s": stamp_s, "head_position_m": seen_m}).encode("ascii") + b"\n"
 

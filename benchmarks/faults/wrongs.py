@@ -53,7 +53,7 @@ def _compute(answer: Any) -> Any:
 
 
 def hold_lock(answer: Any) -> Any:
-    """One C call that holds the global interpreter lock."""
+    """Hold the global interpreter lock in one C call."""
     sum(range(4_000_000))
     return answer
 

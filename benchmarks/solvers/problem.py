@@ -117,7 +117,7 @@ class AxisProblem:
         return 1.0 / float(self._rows[0][1, 1])
 
     def bounds(self, side: float) -> FloatArray:
-        """Bounds of z, upper (1) or lower (-1): those of position and acceleration, shape (5,)."""
+        """Bounds of z, upper (1) or lower (-1), from the limits of position and acceleration, shape (5,)."""
         slopes, constants = self._rows
         position, acceleration = ((side - constants[i]) / slopes[i, i] for i in (0, 2))
         return np.array([side * np.inf, side * np.inf, position, side * np.inf, acceleration])

@@ -38,9 +38,9 @@ class WorkSettings(Settings):
 
     jobs: int = Field(default=os.cpu_count() or 1, ge=1, description="Worker processes on this machine")
     dask: str | None = Field(
-        default=None, description="Scheduler of a dask.distributed cluster that does the jobs, such as tcp://host:8786"
+        default=None, description="Scheduler of a dask.distributed cluster for the jobs, such as tcp://host:8786"
     )
-    out: Path = Field(default=Path("out"), description="Where to write; an interrupted command goes on there")
+    out: Path = Field(default=Path("out"), description="Output folder; an interrupted command resumes from it")
 
     @classmethod
     def of(cls, name: str, values: dict[str, Any]) -> Self:
@@ -59,7 +59,7 @@ class WorkSettings(Settings):
             raise SettingsError(explain(error, name, cls)) from None
 
     def saved(self, *also: str) -> dict[str, Any]:
-        """Settings for a summary, without those of the workers, on which results do not depend.
+        """Settings for a summary, without worker settings, which do not affect the results.
 
         Args:
             also: Further fields to exclude.
@@ -77,11 +77,11 @@ class ChoiceSettings(WorkSettings):
         default=("default",), min_length=1, description="Forecasts; default is the run command's; module:Class"
     )
     sensors: tuple[str, ...] = Field(
-        default=(), description="Shipped sensors or .toml files; without them what fits each recording"
+        default=(), description="Shipped sensors or .toml files; default: by each recording"
     )
     walker: WalkerSettings = WalkerSettings()
     options: Annotated[dict[str, Any], tyro.conf.Suppress] = Field(
-        default={}, description="Options of parts of your own: --options.KEY VALUE, for a parameter of the constructor"
+        default={}, description="Options of user-defined parts: --options.KEY VALUE, for a parameter of the constructor"
     )
 
     def recordings_in_place(self) -> dict[str, str]:
@@ -114,7 +114,7 @@ def find_recordings(words: Sequence[str]) -> list[str]:
 
     Args:
         words: ``synthetic`` for all synthetic walks, ``everyday`` for the synthetic people who stand, start and stop, a
-            folder for all recordings in it (except ``index.csv``), a file, a folder that is itself a recording, or a
+            folder for all recordings in it (except ``index.csv``), a file, a folder that is one recording, or a
             synthetic name.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Parallel execution of jobs with a persistent cache: each result is stored at once in its own file."""
+"""Parallel execution of jobs with a persistent cache: each result is stored immediately in a separate file."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Cache:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise GazempcError(f"{folder}: cannot make this folder: {error.strerror}") from None
+            raise GazempcError(f"{folder}: cannot create this folder: {error.strerror}") from None
 
     def path(self, key: str) -> Path:
         """File of a job's result."""
@@ -63,7 +63,7 @@ class Cache:
         try:
             return read_result(path)
         except GazempcError as error:
-            print(f"{error}; the job is done again", file=sys.stderr)
+            print(f"{error}; the job is repeated", file=sys.stderr)
             path.unlink()
             return None
 
@@ -102,7 +102,7 @@ def read_result(path: Path) -> Row:
         arrays = read_npz(path)
         content = json.loads(str(arrays.pop(_PLAIN)))
         if content["key"] != path.stem:
-            raise ValueError("the result of another job")
+            raise ValueError("it is the result of another job")
         return {**content["row"], **arrays}
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         problem = shown(str(error), _REASON_SHOWN)
@@ -112,7 +112,8 @@ def read_result(path: Path) -> Row:
 class Engine:
     """Context manager that executes uncached jobs; workers end with the program, or 10 s after the block.
 
-    Each result is stored at once, so an interrupted command can be resumed. Failed jobs are repeated at the next start.
+    Each result is stored immediately, so an interrupted command can be resumed. Failed jobs are repeated at the next
+    start.
 
     Args:
         folder: Folder of the results; several commands may share it.
@@ -204,7 +205,7 @@ class Engine:
                     self._keep(key, row, failed)
         except GazempcError as error:
             kept = f"{self._kept()} are kept in {self._cache.folder}"
-            raise GazempcError(f"{error}; {kept}: run the same command again to go on") from None
+            raise GazempcError(f"{error}; {kept}: run the same command again to resume") from None
         except BaseException as error:
             results.throw(error)  # ends the workers and re-raises
             raise

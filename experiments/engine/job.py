@@ -69,9 +69,9 @@ def carry_out(job: Job, key: str, program: str) -> Row:
     """
     try:
         if (here := program_hash()) != program:
-            return _failed(f"the worker's program ({here}) is not the one that asks ({program})")
+            return _failed(f"the worker's program ({here}) differs from the main process's ({program})")
         if job.key() != key:
-            return _failed("the worker does not find the same files: one has changed since the start, or is not there")
+            return _failed("the worker's files differ: one has changed since the start, or is missing")
         return {"left_out": None, "failed": None, **job.run()}
     except LeftOutError as error:
         return {"left_out": str(error), "failed": None}
@@ -179,7 +179,7 @@ def parts_hash(controller: str, predictor: str) -> list[str]:
         predictor: The same.
 
     Returns:
-        One hash a custom part: of its module, or of its whole package. Modules imported from other places are not
+        One hash per custom part: of its module, or of its whole package. Modules imported from other places are not
         included.
 
     Raises:
@@ -202,7 +202,7 @@ _IDLE_S = 10
 _CONNECT_WITHIN_S, _LEAVE_WITHIN_S = 10, 1
 # Controllers and solvers are not thread-safe, and a cluster worker may have several threads.
 _JOB_LOCK = threading.Lock()
-# One numerical thread a process: small matrices, parallelism by processes. Resource trackers clean up after killed
+# One numerical thread per process: small matrices, parallelism by processes. Resource trackers clean up after killed
 # workers without a warning.
 _ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
@@ -274,7 +274,7 @@ class Cluster:
                 address, timeout=_CONNECT_WITHIN_S, set_as_default=False
             )
         except (OSError, ValueError) as error:
-            raise GazempcError(f"--dask {address}: no scheduler answers there: {error}") from None
+            raise GazempcError(f"--dask {address}: no scheduler responds: {error}") from None
 
     def __call__(self, jobs: Mapping[str, Job]) -> Results:
         """Execute jobs, see `on_this_machine`.

@@ -98,7 +98,7 @@ def all_faults(rows: Iterable[Row]) -> list[Row]:
         rows: Runs, with ``controller`` and ``predictor`` if these vary.
 
     Returns:
-        One entry a controller, predictor and ``event``: number of ``runs``, total ``count``, and the first ``error``
+        One entry per controller, predictor and ``event``: number of ``runs``, total ``count``, and the first ``error``
         with its ``traceback``.
     """
     merged: dict[tuple[str, ...], Row] = {}

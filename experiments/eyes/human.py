@@ -1,7 +1,7 @@
-"""Compare shifts of gaze with those of people: `python -m experiments.eyes.human --neck furhat --out out/human`.
+"""Compare gaze shifts with published ones of people: `python -m experiments.eyes.human --neck furhat --out out/human`.
 
-Prints what does not fit, then every shift beside the published figures, and draws them. The neck moves with the limits
-and shares of `--motion human`. A shift is to a person who stands, from straight ahead.
+Prints every shift beside the published figures, with marks on significant differences, and draws them. The neck moves
+with the limits and shares of `--motion human`. A shift is from straight ahead to a standing person.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def draw(shifts: Sequence[Shift], scale: float, title: str, path: Path) -> None:
             panel.plot(shift.times_s, shift.head_deg + shift.eye_deg, color=_GAZE, lw=2.4, label="gaze")
             panel.plot(shift.times_s, shift.head_deg, color=_HEAD, lw=1.8, label="head")
             panel.plot(shift.times_s, shift.eye_deg, color=_EYE, lw=1.8, label="eyes in the head")
-            panel.set(xlim=(0.0, _SHOWN_S), xlabel="time since the person is known (s)", ylabel="angle (deg)")
+            panel.set(xlim=(0.0, _SHOWN_S), xlabel="time since the first observation (s)", ylabel="angle (deg)")
             panel.set_title(f"shift of {shift.amplitude_deg:.0f} deg sideways", fontsize="medium")
         panels[0, 1].legend(frameon=False)
         laws = (
@@ -192,8 +192,8 @@ class HumanSettings(Settings):
     """Settings of `python -m experiments.eyes.human`."""
 
     neck: str = Field(default="reference_eyes", description="Shipped neck or a .toml file, with eyes")
-    controller: Literal["mpc", "lookahead"] = Field(default="mpc", description="Which gaze")
-    out: Path = Field(default=Path("out/human"), description="Folder to write to")
+    controller: Literal["mpc", "lookahead"] = Field(default="mpc", description="Controller")
+    out: Path = Field(default=Path("out/human"), description="Output folder")
 
 
 class BesidePeople(NamedTuple):
@@ -254,7 +254,7 @@ def make_shifts(neck: gz.NeckSpec, controller: str) -> list[Shift]:
 
 
 def table(shifts: Sequence[Shift], scale: float) -> str:
-    """Table of all shifts, one a line.
+    """Table of all shifts, one per line.
 
     Args:
         shifts: The shifts.
@@ -268,7 +268,7 @@ def table(shifts: Sequence[Shift], scale: float) -> str:
         row = {name: _cell(each) for name, each in compared(shift, scale).items()}
         label = f"{shift.direction} {shift.amplitude_deg:.0f}"
         rows.append((label, f"{shift.there_s:.2f}", *(row.get(name, "") for name in _COLUMNS)))
-    text = "Each figure of the neck, in brackets that of people; * does not fit.\n\n"
+    text = "Figures of the neck, in brackets of people; * significant difference.\n\n"
     return text + markdown(("shift [deg]", "on target [s]", *_COLUMNS), rows)
 
 
@@ -281,10 +281,10 @@ def _run(settings: HumanSettings, _: str) -> int:
     given = gz.load_neck(settings.neck)
     neck = human.with_motion(given, "human")
     if neck.body is not None:
-        raise SettingsError(f"--neck {settings.neck}: a body takes part in large shifts; accepted: eyes and no body")
+        raise SettingsError(f"--neck {settings.neck}: accepted: eyes and no body, as a body takes part in large shifts")
     scale = min(human.motor_scale(given.pan), human.motor_scale(given.tilt))
     shifts = make_shifts(neck, settings.controller)
-    print(f"Neck {neck.name}, {settings.controller}. The motors bear {scale:.2f} of the velocity of people's heads.")
+    print(f"Neck {neck.name}, {settings.controller}. The motors reach {scale:.2f} of the velocity of people's heads.")
     print(table(shifts, scale))
 
     settings.out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Fit the default predictor, `walker`, on recordings of walking people; and again leaving out each person in turn.
+"""Fit the default predictor, `walker`, on recordings of walking people, with leave-one-person-out cross-validation.
 
 Example: python -m experiments.fit --recordings my_walks --out out/fit
 """
@@ -37,18 +37,18 @@ class FitSettings(WorkSettings):
     """Settings of `python -m experiments.fit`."""
 
     recordings: tuple[str, ...] = Field(
-        min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names; of two people at least"
+        min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names; of at least two people"
     )
     tracker: str | None = Field(
-        default=None, description="Fit for this tracker alone, a shipped sensor or .toml file; without it for all kinds"
+        default=None, description="Fit for one tracker only, a shipped sensor or .toml file; default: random trackers"
     )
     variants: int = Field(
         default=120, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
     )
     networks: int = Field(default=2, ge=1, le=20, description="Networks in each of the three ensembles")
     steps: int = Field(default=8000, ge=1, description="Steps of gradient descent for each network")
-    seed: int = Field(default=0, ge=0, description="Seed of all that is random")
-    out: Path = Field(default=Path("out/fit"), description="Where to write; an interrupted fit goes on there")
+    seed: int = Field(default=0, ge=0, description="Seed of the random generators")
+    out: Path = Field(default=Path("out/fit"), description="Output folder; an interrupted fit resumes from it")
 
 
 def fit(**settings: Any) -> WalkerModel:
@@ -68,7 +68,7 @@ def fit(**settings: Any) -> WalkerModel:
 
 def _run(settings: FitSettings, _: str) -> int:
     _fit(settings)
-    print(f"Written to {settings.out}/: {MODEL_FILE}, and {FOLDS}/ with a model for each person that has not seen them")
+    print(f"Written to {settings.out}/: {MODEL_FILE}, and {FOLDS}/ with a model for each person, fitted on the others")
     print(
         "Errors on people left out: "
         f"python -m experiments.forecast --recordings {' '.join(settings.recordings)} --walker.fitted {settings.out}"
@@ -102,7 +102,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
     folder = settings.out / FOLDS
     folder.mkdir(parents=True, exist_ok=True)
     for person, model in zip(left_out, models, strict=True):
-        # A person left out of the networks is left out of the uncertainty as well.
+        # The uncertainty model is fitted without the same person as the networks.
         used = [k for k, name in enumerate(people) if name != person]
         described = {**about, "people": sorted({people[k] for k in used}), "key": model.about["key"]}
         fitted = replace(model, **vars(fit_spread(join([found[k] for k in used]))), about=described)
@@ -110,7 +110,7 @@ def _fit(settings: FitSettings) -> WalkerModel:
         write_whole(path, partial(save_walker_model, fitted))
     for path in folder.glob("*.npz"):
         if path.stem not in names:
-            path.unlink()  # of an earlier fit with other people
+            path.unlink()  # from an earlier fit with other people
     return fitted
 
 

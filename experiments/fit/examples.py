@@ -47,7 +47,7 @@ _BLANK = WalkerModel(_ZERO_NETWORKS, _ZERO_NETWORKS, _ZERO_NETWORKS, np.zeros((N
 
 @dataclass(frozen=True)
 class Examples:
-    """Examples of one or several recordings, one a row.
+    """Examples of one or several recordings, one per row.
 
     Attributes:
         network: Inputs of the networks, shape (N, N_INPUTS); half precision, as they dominate the memory.

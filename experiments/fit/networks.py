@@ -24,7 +24,7 @@ Float32Array = NDArray[np.float32]
 
 HIDDEN = (96, 64)
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
-# Initial logits: walking is certain, and the place of staying is the newest position.
+# Initial logits: walking with high probability, and the newest position as the place of staying.
 _BEGINS_WALKING, _BEGINS_NEWEST = 2.0, 1.0
 # Lower weights at the ends: necks use the forecast 0.1 to 1 s ahead.
 _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])

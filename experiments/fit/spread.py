@@ -18,7 +18,8 @@ from predictors.walker.network import RegimeMotion, WalkerModel
 # Ridge penalties: coefficients of nearly constant features stay near zero, and the hidden units do not overfit single
 # people.
 _PRIOR_WEIGHT, _HIDDEN_PRIOR_WEIGHT = 1e-3, 1e-4
-# Hidden units: a linear model gives too wide ellipsoids for one tracker, too narrow ones for another; 24 bring no gain.
+# Hidden units: a linear model gives too wide ellipsoids for one tracker, too narrow ones for another; 24 have no
+# benefit.
 _HIDDEN = 12
 _STEPS = 250
 _SMALLEST_M = 1e-4
@@ -75,7 +76,7 @@ class Found:
 
 
 def fit_spread(found: Found) -> Spread:
-    """Fit scales and log_tails of a t distribution to errors.
+    """Fit scale and degrees of freedom of a t distribution to errors.
 
     At each knot the errors have a t distribution with v degrees of freedom. Its scale on axis i is the root of
     exp(2 s_i) + (share noise_i)^2, with s = doubt · b + tanh(doubt · h) · c. All are fitted by penalised

@@ -16,7 +16,7 @@ from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray
 from predictors import HeadObservation
 
-# White noise from none to twice that of the reference sensor; proportional yaw noise, 2 deg for 10 mm.
+# White noise from zero to twice the reference sensor's; proportional yaw noise, 2 deg for 10 mm.
 _WHITE_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Probability of each kind, for unmodified walks and for others.
@@ -132,7 +132,7 @@ def _street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray
 
 
 def beside(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
-    """The walk in the frame of a robot at a random place beside it, 1.2 m high."""
+    """The walk in the frame of a robot at a random position beside it, 1.2 m high."""
     away_rad, away_m = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(_NEAREST_M, _FARTHEST_M)
     direction = np.array([np.cos(away_rad), np.sin(away_rad)])
     # Beyond the walk's extent in that direction, so that it does not pass through the robot.

@@ -22,7 +22,7 @@ _SLOW_DOWN = 0.45
 _PELVIS_LEAD_S, _HEAD_LEAD_S = (-0.05, 0.25), (-0.05, 0.2)
 # Duration of the turns of pelvis and head as a share of the path's: shorter on average.
 _PELVIS_TURN_SHARE, _HEAD_TURN_SHARE = (0.5, 1.05), (0.45, 1.0)
-_OFFSET_SD_DEG = (6.0, 3.0)  # of head and pelvis yaw, on top of the person's own
+_OFFSET_SD_DEG = (6.0, 3.0)  # of head and pelvis yaw, in addition to the person's own
 _GLANCE_DEG, _GLANCE_TIME_S, _GLANCE_RISE_S = (15.0, 60.0), (0.4, 4.0), 0.25
 _PEAK_OF_SMOOTH_STEP = 1.875
 _SHORTEST_S = 1.25
@@ -61,15 +61,15 @@ def walk_of(recording: Recording) -> GaplessWalk:
     for part, known in (("head", truth.head_quat_wxyz), ("pelvis", truth.pelvis_quat_wxyz)):
         if np.isnan(known[truth.valid]).any():
             raise GazempcError(
-                f"{recording.name}: the orientation of the {part} is not known in every frame; to fit on a walk, those "
-                "of head and pelvis are needed"
+                f"{recording.name}: the orientation of the {part} is unknown in some frames; a fit requires "
+                "the orientations of head and pelvis"
             )
     rows = max(stretches(recording), key=len)
     times_s = recording.times_s[rows]
     if times_s[-1] - times_s[0] < _SHORTEST_S:
         raise GazempcError(
-            f"{recording.name}: longest stretch without a gap {times_s[-1] - times_s[0]:.2f} s; to fit on it, at least "
-            f"{_SHORTEST_S} s are needed"
+            f"{recording.name}: longest stretch without a gap {times_s[-1] - times_s[0]:.2f} s; a fit requires "
+            f"at least {_SHORTEST_S} s"
         )
     pelvis, head = (
         np.unwrap([yaw_rad(q) for q in quats[rows]]) for quats in (truth.pelvis_quat_wxyz, truth.head_quat_wxyz)
@@ -115,7 +115,7 @@ def mirror(walk: GaplessWalk) -> GaplessWalk:
 
 
 def glance(walk: GaplessWalk, rng: np.random.Generator, angle_deg: float | None = None) -> GaplessWalk:
-    """Add a temporary head turn, as of people who notice a robot.
+    """Add a temporary head turn, as by people who notice a robot.
 
     Args:
         walk: The walk.

@@ -29,23 +29,21 @@ class ForecastSettings(PredictorSettings, ChoiceSettings):
     predictors: tuple[PredictorChoice | Literal["default"], ...] = Field(
         default=("last_position", "constant_velocity", "head_pose", "pelvis_pursuit", "walker"),
         min_length=1,
-        description="What to compare; module:Class for your own",
+        description="Predictors to compare; module:Class for a user-defined one",
     )
     rates: tuple[float, ...] = Field(
-        default=(), description="Thin what the sensors see to these rates (1/s); without them, the sensors' own rates"
+        default=(), description="Reduce the sensors' frame rates to these (1/s); default: the sensors' own rates"
     )
     truth_smoothing: float = Field(
         default=0.0,
         ge=0,
         le=2,
-        description="Smooth the truth over this time (s), for tracks that are a tracker's own; what is seen stays raw",
+        description="Window to smooth the truth (s), for tracks measured by a tracker; observations are not smoothed",
     )
     horizons: tuple[float, ...] = Field(default=(0.25, 0.5, 1.0), min_length=1, description="Seconds from capture")
-    cues: tuple[Cues, ...] = Field(
-        default=("both",), min_length=1, description="Which orientations the predictors are shown"
-    )
+    cues: tuple[Cues, ...] = Field(default=("both",), min_length=1, description="Orientations in the observations")
     seed: int = Field(default=0, ge=0, description="Seed of the sensor's noise")
-    out: Path = Field(default=Path("out/forecast"), description="Where to write; an interrupted run goes on there")
+    out: Path = Field(default=Path("out/forecast"), description="Output folder; an interrupted run resumes from it")
     figures: bool = Field(default=True, description="Draw figures")
 
 
@@ -56,11 +54,11 @@ def forecast(**settings: Any) -> list[Row]:
         **settings: Any of `ForecastSettings`, such as ``recordings=["synthetic"], predictors=["walker"]``.
 
     Returns:
-        One row a recording, sensor, predictor and cues: labels, ``left_out`` and ``failed`` (a reason or None), and the
-        arrays of `experiments.forecast.errors.ForecastErrors`.
+        One row per recording, sensor, predictor and cues: labels, ``left_out`` and ``failed`` (a reason or None), and
+        the arrays of `experiments.forecast.errors.ForecastErrors`.
 
     Raises:
-        GazempcError: On bad input, before anything runs.
+        GazempcError: On invalid input, before any run.
     """
     return _forecast(ForecastSettings.of("forecast", settings))
 
@@ -102,16 +100,16 @@ def _forecast(settings: ForecastSettings) -> list[Row]:
     views = _views(settings)
     predictors = settings.checked_predictors()
     parts = PredictorSettings(**{name: getattr(settings, name) for name in PredictorSettings.model_fields})
-    asked = list(itertools.product(recordings, views, predictors, dict.fromkeys(settings.cues)))
+    combinations = list(itertools.product(recordings, views, predictors, dict.fromkeys(settings.cues)))
     jobs = []
-    for name, view, predictor, cues in asked:
+    for name, view, predictor, cues in combinations:
         options = options_of("", predictor, settings.options)
         jobs.append(ForecastJob(recordings[name], predictor, cues, settings.horizons, view, parts, options))
     with Engine(settings.out / "runs", settings.jobs, settings.dask) as engine:
         results = engine.run(jobs)
     rows: list[Row] = [
         {"recording": name, "sensor": view.sensor_name, "predictor": predictor, "cues": cues, **row}
-        for (name, view, predictor, cues), row in zip(asked, results, strict=True)
+        for (name, view, predictor, cues), row in zip(combinations, results, strict=True)
     ]
     name_parts(rows, "predictor")
     return rows

@@ -29,8 +29,8 @@ _SCENE = SceneSettings()
 def placed_for(recording: Recording, sensor: SensorSpec) -> Recording:
     """Transform a recording into the frame of a sensor's observations.
 
-    The recording's own frame if the sensor's errors are independent of the robot's place; otherwise the base frame of a
-    robot at the default place of a replay: the place of the recording's sensor, or 2.5 m beside the walk.
+    The recording's own frame if the sensor's errors are independent of the robot's position; otherwise the base frame
+    of a robot at the default position of a replay: at the recording's sensor, or 2.5 m beside the walk.
 
     Args:
         recording: The recording, in its own frame.
@@ -155,7 +155,7 @@ class ForecastErrors:
             across it (positive to the left), vertical.
         error_filtered_m: Distance of the forecast from the filtered position at that time, shape (F, H), metres.
         nees: Normalised estimation error squared, shape (F, H); NaN for a singular covariance.
-        degrees_of_freedom: Of each forecast's errors, shape (F,); infinite for normal errors.
+        degrees_of_freedom: Degrees of freedom of each forecast's errors, shape (F,); infinite for normal errors.
         update_us: Time of each predictor update, shape (U,), microseconds.
     """
 

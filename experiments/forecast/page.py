@@ -32,13 +32,13 @@ def summarise(results: Sequence[_Row]) -> list[dict[str, Any]]:
     """Means by sensor, predictor, group or kind, and horizon.
 
     Means, coverage and NEES are means over clips of the mean over frames; percentiles are over all frames. The ratios
-    to `constant_velocity` and `last_position` are over the clips that both have.
+    to `constant_velocity` and `last_position` are over the clips of both.
 
     Args:
         results: Successful rows of `experiments.forecast.command.forecast`.
 
     Returns:
-        One row a combination; None for NaN.
+        One row per combination; None for NaN.
     """
     rows = []
     for sensor in sensors_of(results):
@@ -105,7 +105,7 @@ def _inside(result: _Row, i: int, share: float) -> FloatArray:
 
 
 def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
-    """Mean error against horizon, one plot a group; with the first of several cues.
+    """Mean error against horizon, one plot per group; for the first of several cues.
 
     Args:
         rows: Result of `summarise`.
@@ -144,7 +144,7 @@ def forecast_page(summary: _Row, results: Sequence[_Row], pictures: Iterable[Pat
     overall = [row for row in rows if (row["group"], row["kind"]) == ("all", "all")]
     return Page(
         title="Comparison of forecasts",
-        question="How far from where the head will be is its forecast?",
+        question="How large is the error of the head's forecast?",
         answer=tuple(_answers(overall)),
         setup={
             "recordings": ", ".join(chosen["recordings"]),
@@ -216,11 +216,11 @@ def about(summary: _Row) -> list[str]:
     return [
         f"{summary['data_kinds'] or 'No recordings'}. Distance from the true head{smoothed}: mean over clips with "
         "its 95 % bootstrap interval over people, and percentiles over frames. To filtered: distance from the "
-        "position that a constant-velocity filter has at that time. Along and across the direction of travel and "
-        "vertical: RMS. Within 68, 90 and 95 %: share of frames inside the stated ellipsoid, which is that of a "
+        "position of a constant-velocity filter at that time. Along and across the direction of travel and "
+        "vertical: RMS. Within 68, 90 and 95 %: share of frames inside the stated ellipsoid, which is from a "
         "multivariate t distribution where the forecast states its degrees of freedom, else of a normal one. NEES: 3 "
-        "if the covariance is honest. Ratio: error over that of constant_velocity, and for people who stand also over "
-        "that of last_position, on the same clips. Cues: which orientations the predictor is shown.",
+        "if the covariance is consistent. Ratio: error relative to constant_velocity, and for standing people also to "
+        "last_position, on the same clips. Cues: orientations in the observations.",
         *(
             f"The true head of {kind} recordings is {truth_of(kind)}."
             for kind in summary["data_kinds"].split(", ")

@@ -1,7 +1,7 @@
 """Possible causes of the published errors: the time constant of the position filter, or turns.
 
-Errors as a function of the time constant, the constant with the best fit to the published errors, and the turns that
-would explain them: a straight forecast of a person on an arc.
+Errors as a function of the time constant, the constant with the best fit to the published errors, and the turns for
+which a straight forecast of a person on an arc has these errors.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def sweep(rows_by_time: Mapping[float, Sequence[dict[str, Any]]]) -> list[dict[s
         rows_by_time: Rows of `experiments.paper.frames.labelled` by time constant.
 
     Returns:
-        One row a time constant, reference, horizon and group: mean errors over the group's frames without the rule, and
-        with the w that is optimal over all groups with this filter.
+        One row per time constant, reference, horizon and group: mean errors over the group's frames without the rule,
+        and with the w that is optimal over all groups with this filter.
     """
     table = []
     for time_s, rows in rows_by_time.items():
@@ -156,7 +156,7 @@ def turn_needed_rad(way_m: float, error_m: float) -> float | None:
         error_m: Error, metres.
 
     Returns:
-        The turn, radians; None if the error exceeds that of all turns.
+        The turn, radians; None if no turn has such an error.
     """
     if turn_error_m(way_m, _LARGEST_TURN_RAD) < error_m:
         return None
@@ -170,9 +170,9 @@ def turns_needed(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         rows: Rows of `experiments.paper.frames.labelled`.
 
     Returns:
-        One row a group: median speed; turn from one half second to the next (median and 95th percentile of the absolute
-        angle over frames); published error of the baseline; and turn in half a second that would cause this error at
-        the median speed (None if there is none).
+        One row per group: median speed; turn from one half second to the next (median and 95th percentile of the
+        absolute angle over frames); published error of the baseline; and turn in half a second that would cause this
+        error at the median speed (None if there is none).
     """
     table = []
     for published in PUBLISHED:

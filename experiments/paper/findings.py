@@ -15,7 +15,7 @@ from gazempc.results.figures.style import COLOURS
 
 _RULE_NAMES = {
     "paper": "head against waist (the paper's)",
-    "offset removed": "the same, mean yaw so far removed",
+    "offset removed": "the same, running mean of the yaw removed",
     "travel direction": "head against direction of travel",
     "both": "direction of travel, mean yaw removed",
     "waist itself": "control: waist in place of the head, direction of travel",
@@ -62,7 +62,7 @@ _TURNS: _Columns = {
     "turn in 0.5 s: median [deg]": lambda t: f"{t['turn_median_deg']:.0f}",
     "95th percentile [deg]": lambda t: f"{t['turn_p95_deg']:.0f}",
     "published error [mm]": lambda t: f"{t['published_mm']:.0f}",
-    "turn in 0.5 s that it needs at every frame [deg]": lambda t: with_ends(t["turn_needed_deg"], None, ".0f"),
+    "constant turn in 0.5 s with this error [deg]": lambda t: with_ends(t["turn_needed_deg"], None, ".0f"),
 }
 
 
@@ -94,15 +94,15 @@ def report(summary: _Row) -> str:
         f"{summary['w_exact_all_subjects']:.3f}); the paper prints 7.51 and 0.36, which w in [0, 1] cannot have.",
         f"Test: Wilcoxon signed-rank, zero_method {summary['test']['zero_method']}, alternative: "
         f"{summary['test']['alternative']}; thinned: every 15th frame only, as frames 33 ms apart are not independent "
-        "(median over the 15 ways to begin).",
+        "(median over the 15 offsets).",
         "",
-        "## The test that is right: one pair a person",
+        "## Test over people: one pair per person",
         "",
         *_of(_PEOPLE, summary["people"]),
-        f"Exact Wilcoxon; effect: rank-biserial, 1 if the rule helps all people, -1 if none. "
+        f"Exact Wilcoxon; effect: rank-biserial, 1 if all people have smaller errors, -1 if none. "
         f"[ ]: 95 % bootstrap over people. Level {SIGNIFICANCE_LEVEL}.",
         "",
-        "## The same with each group of routes counting alike in the tuning",
+        "## The same with equal weights of the groups of routes in the tuning",
         "",
         *_of(_PEOPLE, balanced["people"]),
         f"w: mean {balanced['w_mean']:.3f}, s.d. {balanced['w_sd']:.3f} (exact minimum over all: "
@@ -114,20 +114,19 @@ def report(summary: _Row) -> str:
     for fixed in summary["published_weights"]:
         lines += [f"w = {fixed['weight']:g}:", "", *_of(_PEOPLE, fixed["people"])]
     lines += [
-        "## Other yaws to turn by",
+        "## Other definitions of the yaw",
         "",
-        "Proposed minus baseline, mm (negative: the rule helps), mean over people.",
+        "Proposed minus baseline, mm (negative: smaller error), mean over people.",
         "",
         *_rules_table(summary),
         *_yaw_lines(summary["yaw"]),
         "## A slower filter",
         "",
         *_filters_table(summary),
-        "If the tracker had delivered 15 frames a second, 15 steps would be 1 s. Nearest to the published baselines "
-        "then:",
+        "At a tracker rate of 15 Hz, 15 steps would be 1 s. Best fit to the published baselines then:",
         "",
         *_one_second_table(summary),
-        "## What the published errors would need",
+        "## Turns that would explain the published errors",
         "",
         *_of(_TURNS, summary["turns"]),
     ]
@@ -156,8 +155,8 @@ def _yaw_lines(yaw: _Row) -> list[str]:
         return []
     angles, correlation = sorted(yaw["mean_yaw_deg"]), yaw["rank_correlation_of_offset_and_cost"]
     return [
-        f"On straight routes people's heads point {angles[0]:+.1f} to {angles[-1]:+.1f} deg aside of the waist in the "
-        f"mean ({len(angles)} people); rank correlation of its size with what the rule costs there at w = "
+        f"On straight routes heads point {angles[0]:+.1f} to {angles[-1]:+.1f} deg relative to the waist in the "
+        f"mean ({len(angles)} people); rank correlation of its size with the rule's cost at w = "
         f"{yaw['weight']:g}: {with_ends(correlation, None, '.2f')}.",
         "",
     ]
@@ -226,7 +225,7 @@ def _beside(p: PublishedGroup) -> dict[str, tuple[str, Callable[[_Row], str]]]:
         "Wilcoxon statistic": (f"{p.statistic:,.0f}", _GROUPS["W"]),
         "p": (f"{p.p_value:.2e}" if p.p_value < 1.0 else "1.0", _GROUPS["p"]),
         "frames": (f"{at_least}{implied.fewest} (implied)", _GROUPS["frames"]),
-        "frames a video": (
+        "frames per video": (
             f"{at_least}{implied.per_video:.0f} (of {VIDEOS_PER_GROUP})",
             lambda g: f"{g['n_frames'] / g['n_videos']:.0f} (of {g['n_videos']})",
         ),

@@ -1,4 +1,4 @@
-"""Errors of the paper's two forecasts at every frame of a video, for any weight w at once."""
+"""Errors of the paper's two forecasts at every frame of a video, as functions of the weight w."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ RULES: dict[Rule, dict[str, Any]] = {
     # Control: tests whether any direction without the swing of the filter's velocity, not the head's, has the effect.
     "waist itself": {"yaw_from": "travel"},
 }
-# Horizon at 30 frames a second, and at the half rate of a slower tracker.
+# Horizon at 30 Hz, and at the half rate of a slower tracker.
 HORIZONS_S = (HORIZON_S, 2.0 * HORIZON_S)
 POSITION_NOISE_M = 0.01
 # Longest gap between frames over which the filtered position is interpolated.
@@ -41,7 +41,7 @@ GROUPS = {p.label: p.group for p in PUBLISHED}
 
 
 def filter_time_s(acceleration_psd: float, position_noise_m: float = POSITION_NOISE_M) -> float:
-    """Time constant of a constant-velocity Kalman filter at 30 frames a second.
+    """Time constant of a constant-velocity Kalman filter at 30 Hz.
 
     In the limit of many frames the filter is a second-order system with damping ratio 0.71 (Kalata 1984); this is the
     inverse of its natural frequency.
@@ -126,7 +126,7 @@ def labelled(source: str, result: Row) -> Row:
     """A row for `frames_of`.
 
     Args:
-        source: The recording in the user's words.
+        source: The recording as given by the user.
         result: Result of its job.
 
     Returns:
@@ -148,7 +148,7 @@ def frames_of(
         horizon_s: One of `HORIZONS_S`.
 
     Returns:
-        One entry a video, without those that failed, were left out, or have no known group or no scored frame.
+        One entry per video, without those that failed, were left out, or have no known group or no scored frame.
     """
     found = []
     for row in rows:

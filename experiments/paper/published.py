@@ -60,7 +60,7 @@ class ImpliedFrames:
         fewest: Smallest number.
         most: Largest number; None if all larger numbers in the search are consistent.
         effect: Rank-biserial correlation (1: better at every frame, -1: worse) at the smallest and the largest number,
-            or at 100 a video without a largest one.
+            or at 100 per video without a largest one.
         worse_p_value: One-tailed p value of the opposite hypothesis, a smaller baseline error, at the smallest number.
         thinned_p_value: p value with every `STEPS_AHEAD`-th frame only, as overlapping horizons are not independent;
             NaN if `most` is None.

@@ -1,6 +1,6 @@
 """Reproduce the paper's validation: `python -m experiments.paper --recordings synthetic`.
 
-`analyse` makes all that the command prints, draws and saves, as plain data.
+`analyse` returns all results that the command prints, draws and saves, as plain data.
 """
 
 from __future__ import annotations
@@ -156,14 +156,14 @@ class PaperSettings(WorkSettings):
     recordings: tuple[str, ...] = Field(
         default=("synthetic",),
         min_length=1,
-        description="'synthetic' (14 x 6) or a folder; each word is a data set of its own",
+        description="'synthetic' (14 x 6) or a folder; each is a separate data set",
     )
     filter_time_s: float = Field(
         default=TUNED_TIME_S, ge=0.02, le=10, description="Time constant of the Kalman filter of the validation"
     )
-    trials: int = Field(default=60, ge=1, description="Optuna's trials for each subject left out")
+    trials: int = Field(default=60, ge=1, description="Optuna's trials per left-out subject")
     seed: int = Field(default=0, ge=0, description="Seed of Optuna's sampler and of the sensor's noise")
-    out: Path = Field(default=Path("out/paper"), description="Where to write; an interrupted run goes on there")
+    out: Path = Field(default=Path("out/paper"), description="Output folder; an interrupted run resumes from it")
 
 
 def _run(settings: PaperSettings, _: str) -> int:
@@ -204,7 +204,7 @@ def _data_set(word: str, recordings: Sequence[str], folder: Path, settings: Pape
     left_out = {r["source"]: r["left_out"] for r in first if r["left_out"]}
     if not frames_of(first):
         raise GazempcError(
-            f"{word}: no recording can be scored; needed: groups straight, turn or sharp and more than half a second "
+            f"{word}: no recording can be scored; required: group straight, turn or sharp, and more than half a second "
             f"within the sensor's range"
             + "".join(f"\n{source}: {why}" for source, why in {**failed, **left_out}.items())
         )

@@ -1,4 +1,4 @@
-"""The paper's test over frames, and a test over people, whose pairs are independent."""
+"""The paper's test over frames, and a test over people with independent pairs."""
 
 from __future__ import annotations
 
@@ -106,11 +106,11 @@ def leave_one_subject_out(videos: Sequence[Frames], seed: int, trials: int, bala
     Args:
         videos: All videos.
         seed: Seed from which each subject's sampler is seeded.
-        trials: Number of trials a subject.
+        trials: Number of trials per subject.
         balanced: See `tune_weight`.
 
     Returns:
-        One entry a video, in the order given.
+        One entry per video, in the order given.
 
     Raises:
         GazempcError: If there are fewer than two subjects.
@@ -168,7 +168,7 @@ def frame_test(videos: Sequence[Judged]) -> dict[str, Any]:
 
 
 def person_test(videos: Sequence[Judged]) -> dict[str, Any]:
-    """Exact signed-rank test with one pair a person, the mean errors over the person's frames in the group.
+    """Exact signed-rank test with one pair per person, the mean errors over the person's frames in the group.
 
     Args:
         videos: The group's videos.

@@ -1,1 +1,1 @@
-"""Looks away, switches and engagement. May import experiments.engine."""
+"""Gaze aversion, switches of attention and engagement. May import experiments.engine."""

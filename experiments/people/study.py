@@ -1,7 +1,7 @@
-"""Looks away, switches and engagement: `python -m experiments.people --out out/people`.
+"""Gaze aversion, switches of attention and engagement: `python -m experiments.people --out out/people`.
 
-`--parts` are looks away from people who stand and walk (`returns`) and switches between two people (`switches`). With
-`--bags FOLDER` engagement is estimated.
+`--parts` are gaze aversion with standing and walking people (`returns`) and switches between two people (`switches`).
+With `--bags FOLDER` engagement is estimated.
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ class SecondLater:
 
 
 def talk(controller: str, rhythm: LookAwayMode, seconds: float, neck: str) -> gz.Log:
-    """Simulate a conversation with a standing person, with looks away.
+    """Simulate a conversation with a standing person, with gaze aversion.
 
     Args:
         controller: Name of the controller.
-        rhythm: Schedule of the looks away.
+        rhythm: Schedule of the gaze aversion.
         seconds: Duration.
         neck: Name of the neck.
 
@@ -84,7 +84,7 @@ def switches(controller: str, seeds: int, neck: str) -> list[tuple[gz.Log, float
 
     Args:
         controller: Name of the controller.
-        seeds: Number of seeds of the sensor's errors for each pair of places.
+        seeds: Number of seeds of the sensor's errors for each pair of positions.
         neck: Name of the neck.
 
     Returns:
@@ -115,14 +115,14 @@ def least_time_s(neck: gz.NeckSpec, angle_deg: float) -> float:
     Returns:
         Seconds.
     """
-    asked, limits = InputParameter(1), neck.command_limits
+    motion_input, limits = InputParameter(1), neck.command_limits
     angle_rad = float(np.deg2rad(angle_deg))
-    asked.current_position, asked.target_position = [0.0], [angle_rad]
-    asked.max_velocity = [float(limits.velocity_max_rad_s[0])]
-    asked.max_acceleration = [float(limits.acceleration_max_rad_s2[0])]
-    asked.max_jerk = [float(limits.jerk_max_rad_s3[0])]
+    motion_input.current_position, motion_input.target_position = [0.0], [angle_rad]
+    motion_input.max_velocity = [float(limits.velocity_max_rad_s[0])]
+    motion_input.max_acceleration = [float(limits.acceleration_max_rad_s2[0])]
+    motion_input.max_jerk = [float(limits.jerk_max_rad_s3[0])]
     motion = Trajectory(1)
-    Ruckig(1).calculate(asked, motion)
+    Ruckig(1).calculate(motion_input, motion)
     times_s = np.linspace(0.0, motion.duration, 1000)
     left_rad = np.array([angle_rad - motion.at_time(time_s)[0][0] for time_s in times_s])
     moving_s = float(times_s[left_rad <= np.deg2rad(CONTACT_DEG[0])][0])
@@ -194,12 +194,12 @@ def _decided(walk: gz.Recording, truth: bool) -> tuple[float, float, float]:
     return found_s[True], found_s[False], found_s[None]
 
 
-# Start, after acquisition of the person, and duration of the look away; all walks are at least 1 s longer.
+# Start, after acquisition of the person, and duration of the aversion; all walks are at least 1 s longer.
 _START_S, _LASTS_S = 1.6, 1.4
 
 
 def return_late_s(controller: str, every: int, neck: str) -> list[float]:
-    """Delay of the return to each synthetic walking person after one look away.
+    """Delay of the return to each synthetic walking person after one gaze aversion.
 
     Args:
         controller: Name of the controller.
@@ -227,7 +227,7 @@ def _returns(controller: str, neck: str, late_s: Sequence[float]) -> list[str]:
     return [controller, neck, *shown, str(ms.size), str(int(np.isinf(ms).sum()))]
 
 
-# Duration of about a dozen looks away.
+# Duration of about a dozen aversions.
 _TALK_S = 60.0
 _SWITCH_SEEDS = 5
 
@@ -238,11 +238,11 @@ def engaged_table(folder: Path) -> str:
     known_s = found.right_s + found.wrong_s
     shares = [f"{100.0 * known_s / (known_s + found.undecided_s):.0f}", f"{100.0 * found.right_s / known_s:.0f}"]
     row = [str(found.faces), f"{known_s + found.undecided_s:.0f}", *shares]
-    return "Engaged or not\n\n" + markdown(["faces", "seconds", "decided [%]", "of that rightly [%]"], [row])
+    return "Engaged or not\n\n" + markdown(["faces", "seconds", "decided [%]", "of that correctly [%]"], [row])
 
 
 def return_table(every: int) -> str:
-    """Delay of contact after looks away, from a standing person and from each walking person.
+    """Delay of contact after gaze aversion, for a standing person and for each walking person.
 
     Args:
         every: Stride in the list of synthetic walks.
@@ -254,9 +254,9 @@ def return_table(every: int) -> str:
         stand.append([controller, neck, f"{1e3 * found.return_late_s:.0f}", f"{1e3 * found.return_late_p95_s:.0f}"])
     walk = [_returns(name, "reference", return_late_s(name, every, "reference")) for name in GAZES]
     return (
-        f"Contact back after looks away, a person who stands and is listened to for {_TALK_S:.0f} s\n\n"
+        f"Renewed contact after gaze aversion, listening to a standing person for {_TALK_S:.0f} s\n\n"
         + markdown([*head, "95 % within [ms]"], stand)
-        + "\nContact back after one look away, people who walk\n\n"
+        + "\nRenewed contact after one gaze aversion, walking people\n\n"
         + markdown([*head, "90 % within [ms]", "walks", "without contact"], walk)
     )
 
@@ -270,19 +270,19 @@ def switch_table() -> str:
         past_deg = max(each.switch_overshoot_deg for each, _ in found)
         late = (f"{np.median(late_ms):.0f}", f"{np.max(late_ms):.0f}")
         rows.append([controller, str(len(found)), *late, f"{past_deg:.2f}"])
-    head = ["controller", "switches", "contact after the least time, median [ms]", "longest [ms]"]
+    head = ["controller", "switches", "contact after the minimum time, median [ms]", "longest [ms]"]
     return "Switches between two people, neck reference\n\n" + markdown([*head, "overshoot, at most [deg]"], rows)
 
 
 class PeopleStudySettings(Settings):
     """Settings of `python -m experiments.people`."""
 
-    bags: Path | None = Field(default=None, description="Folder of ROS 2 bags whose names say who is engaged")
+    bags: Path | None = Field(default=None, description="Folder of ROS 2 bags with labels of engagement in their names")
     parts: tuple[Literal["returns", "switches"], ...] = Field(
-        default=("returns", "switches"), description="What is measured"
+        default=("returns", "switches"), description="Parts to measure"
     )
-    every: int = Field(default=6, ge=1, description="For returns: one of so many synthetic walks")
-    out: Path = Field(default=Path("out/people"), description="Folder to write to")
+    every: int = Field(default=6, ge=1, description="For returns: stride in the list of synthetic walks")
+    out: Path = Field(default=Path("out/people"), description="Output folder")
 
 
 def _run(settings: PeopleStudySettings, _: str) -> int:

@@ -1,7 +1,7 @@
-"""Control laws that others run, and ours, in the same trials: `python -m experiments.rivals`.
+"""Compare control laws of other robots and cameras with this project's: `python -m experiments.rivals`.
 
-Without `--recordings` the walks are synthetic. Each rival sees faces in a camera on the moving head, and runs at its
-own rate.
+Without `--recordings` the walks are synthetic. Each rival detects faces in a camera on the moving head, at its own
+rate.
 """
 
 from __future__ import annotations
@@ -39,28 +39,28 @@ class RivalsSettings(WorkSettings):
     """Settings of `python -m experiments.rivals`."""
 
     recordings: tuple[str, ...] = Field(
-        default=(), description="Walks: 'synthetic', folders, files or synthetic names; without it 21 synthetic ones"
+        default=(), description="Walks: 'synthetic', folders, files or synthetic names; default: 21 synthetic ones"
     )
     standing: tuple[str, ...] = Field(
-        default=(), description="People who stand or sit: folders or files; without it seven synthetic ones who stand"
+        default=(), description="People who stand or sit: folders or files; default: seven synthetic standing people"
     )
     necks: tuple[str, ...] = Field(
         default=("reference", "reachy_mini", "ptz"), min_length=1, description="Shipped necks or .toml files"
     )
     sensors: tuple[str, ...] = Field(
-        default=("face_camera",), min_length=1, description="Shipped sensors or .toml files; they sit on the head"
+        default=("face_camera",), min_length=1, description="Shipped sensors or .toml files, mounted on the head"
     )
     rivals: tuple[str, ...] = Field(default=NAMES, min_length=1, description="Control laws")
     trials: tuple[str, ...] = Field(default=TRIALS, min_length=1, description="Trials")
     walker: WalkerSettings = WalkerSettings()
     wrong_model: bool = Field(
-        default=False, description="Instead: what wrong dead times, servos and latencies cost, on the first neck"
+        default=False, description="Instead: effect of errors of dead time, servo and latency, on the first neck"
     )
     seed: int = Field(default=0, ge=0, description="Seed of all errors")
     rows: Annotated[Path | None, tyro.conf.arg(name="json")] = Field(
-        default=None, description="File for the rows; without it rows.json beside the rest"
+        default=None, description="File for the rows; default: rows.json in the output folder"
     )
-    out: Path = Field(default=Path("out/rivals"), description="Where to write; an interrupted run goes on there")
+    out: Path = Field(default=Path("out/rivals"), description="Output folder; an interrupted run resumes from it")
 
 
 def rivals(**settings: Any) -> list[Row]:
@@ -73,7 +73,7 @@ def rivals(**settings: Any) -> list[Row]:
         Rows of `experiments.rivals.plan.summarise`.
 
     Raises:
-        GazempcError: On bad input, before anything runs.
+        GazempcError: On invalid input, before any run.
     """
     runs, _, _ = _done(RivalsSettings.of("rivals", settings))
     return plan.summarise(plan.at_their_best(runs))
@@ -117,7 +117,7 @@ def _run(settings: RivalsSettings, command: str) -> int:
     for table in tables:
         lines += [f"## {table.title}", "", *table.markdown(), ""]
     lines += [f"- failed: {run['rival']}, {run['trial']}, {run['recording']}: {run['failed']}" for run in failed]
-    text = "\n".join([*lines, f"{left_out} runs left out: the walk is too near, or too short.", f"`{command}`", ""])
+    text = "\n".join([*lines, f"{left_out} runs left out: walks too near or too short.", f"`{command}`", ""])
     write_whole(settings.out / "tables.md", text)
     print(text)
     print(f"Written to {settings.out}/: tables.md{''.join(f', {picture.name}' for picture in pictures)}; and {path}")

@@ -1,7 +1,7 @@
-"""Keep a person in the picture of a camera that turns: ours and others' laws on three devices.
+"""Compare framing of a person by pan-tilt cameras: this project's and other control laws on three devices.
 
-Of a law with free constants the best ones are shown, chosen on the very clips that are shown. Laws that answer angles
-get a device that takes angles, with the same delay and top speed: most cameras do not offer it.
+Laws with free constants have the best ones on the evaluated clips (in-sample). Laws with angle output drive a device
+with angle commands, at equal delay and top speed; most cameras lack them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ FRAMING = gz.Framing(headroom=0.5, lead_room=0.0)
 FIGURES = ("time_in_zone", "rms_acceleration_rad_s2", "reversals_per_min", "travel_deg_per_min", "time_to_reacquire_s")
 _LEVEL = 0.01  # of the time in zone
 # Candidate constants: cameras are faster than necks, and a share of their top speed suffices.
-_TRIED: Mapping[str, tuple[dict[str, float], ...]] = {
+_CANDIDATES: Mapping[str, tuple[dict[str, float], ...]] = {
     "autoptz": tuple({"speed_scale": scale} for scale in (0.125, 0.25, 0.5, 1.0)),
     "op3": tuple({"detection_period_s": period_s} for period_s in (1.0 / 30.0, 0.2, 0.4)),
 }
@@ -98,11 +98,11 @@ class FramingSettings(WorkSettings):
     """Settings of `python -m experiments.rivals.framing`."""
 
     recordings: tuple[str, ...] = Field(min_length=1, description="Walks: 'synthetic', folders, files or names")
-    standing: tuple[str, ...] = Field(default=(), description="People who stand: the same")
+    standing: tuple[str, ...] = Field(default=(), description="Standing people: as for recordings")
     laws: tuple[str, ...] = Field(default=(*LAWS, POINT, OURS), min_length=1, description="Control laws")
     devices: tuple[str, ...] = Field(default=tuple(DEVICES), min_length=1, description="Devices")
     framing: gz.Framing = FRAMING
-    out: Path = Field(default=Path("out/framing"), description="Where to write; an interrupted run goes on there")
+    out: Path = Field(default=Path("out/framing"), description="Output folder; an interrupted run resumes from it")
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _jobs(settings: FramingSettings) -> list[FramingJob]:
         FramingJob(law, trial, name, device.neck(label), device.sensor(), 0, constants, framing=settings.framing)
         for label, device in ((label, DEVICES[label]) for label in settings.devices)
         for law in settings.laws
-        for constants in _TRIED.get(law, ({},))
+        for constants in _CANDIDATES.get(law, ({},))
         for trial, name in people
     ]
 
@@ -158,13 +158,13 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
         runs: Runs with ``device``, ``law``, ``constants``, ``subject`` and `FIGURES`.
 
     Returns:
-        One row a device and law: labels, ``n_clips``, `FIGURES` and their intervals under ``<name>_ci95``.
+        One row per device and law: labels, ``n_clips``, `FIGURES` and their intervals under ``<name>_ci95``.
     """
     rows = []
     for here in grouped(runs, "device", "law").values():
-        tried = [_means(each) for each in grouped(here, "constants").values()]
-        most = max(row["time_in_zone"] for row in tried)
-        level = [row for row in tried if row["time_in_zone"] > most - _LEVEL]
+        candidates = [_means(each) for each in grouped(here, "constants").values()]
+        most = max(row["time_in_zone"] for row in candidates)
+        level = [row for row in candidates if row["time_in_zone"] > most - _LEVEL]
         rows.append(min(level, key=lambda row: float(row["reversals_per_min"])))
     return rows
 
@@ -206,9 +206,9 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def plots_of(rows: Sequence[Row]) -> list[Plot]:
-    """Time in zone against acceleration, then against reversals, one plot a device."""
+    """Time in zone against acceleration, then against reversals, one plot per device."""
     plots = []
-    axes = {"rms_acceleration_rad_s2": "RMS acceleration (rad/s$^2$)", "reversals_per_min": "reversals a minute"}
+    axes = {"rms_acceleration_rad_s2": "RMS acceleration (rad/s$^2$)", "reversals_per_min": "reversals per minute"}
     for x, label in axes.items():
         for (device,), of_device in grouped(rows, "device").items():
             here = {row["law"]: row for row in of_device}

@@ -26,11 +26,11 @@ from gazempc.sim.scene import Scene
 
 _RATE_HZ = 200.0
 # Maximum duration of a calibration in Frigate.
-_PATIENCE_S = 600.0
+_CALIBRATION_TIMEOUT_S = 600.0
 
 
 def make_rival(name: str, robot_neck: gz.NeckSpec, neck: gz.NeckSpec, camera: HeadCamera, **constants: Any) -> Rival:
-    """Make a rival for a trial.
+    """Construct a rival for a trial.
 
     Args:
         name: One of `RIVALS`.
@@ -64,7 +64,7 @@ def calibrate(neck: gz.NeckSpec, camera: HeadCamera) -> MoveTime | None:
     driven, now_s = driven_by(neck, law.command), 0.0
     motor = Motor(driven, np.zeros(2), lambda: now_s, seed=0)
     steps_per_answer = round(law.period_s * _RATE_HZ)
-    for index in range(round(_PATIENCE_S * _RATE_HZ)):
+    for index in range(round(_CALIBRATION_TIMEOUT_S * _RATE_HZ)):
         now_s = index / _RATE_HZ
         if index % steps_per_answer == 0:
             view = View(now_s, (), motor.reading(), lambda time_s: None, motor.idle)

@@ -102,19 +102,19 @@ def at_their_best(runs: Sequence[Row]) -> list[Row]:
         The selected runs.
     """
     walks = {run["trial"] for run in runs} & {*WALKS}
-    judged = [run for run in runs if run["trial"] in walks or not walks]
-    best = {place: _best(tried) for place, tried in grouped(judged, "rival", "neck", "sensor").items()}
+    evaluated = [run for run in runs if run["trial"] in walks or not walks]
+    best = {place: _best(candidates) for place, candidates in grouped(evaluated, "rival", "neck", "sensor").items()}
     return [run for run in runs if run["constants"] == best.get((run["rival"], run["neck"], run["sensor"]))]
 
 
 def _best(runs: Sequence[Row]) -> str:
-    tried = grouped(runs, "constants")
+    candidates = grouped(runs, "constants")
     contact, error_deg, acceleration = (
-        {str(constants): sum(run[name] for run in own) / len(own) for (constants,), own in tried.items()}
+        {str(constants): sum(run[name] for run in own) / len(own) for (constants,), own in candidates.items()}
         for name in ("eye_contact_2p6", "gaze_error_rms_deg", "rms_acceleration_rad_s2")
     )
     most = max(contact.values())
-    # Without contact the gaze error decides.
+    # Without contact, the smallest gaze error.
     if most < _LEVEL:
         return min(contact, key=error_deg.__getitem__)
     return min((each for each in contact if contact[each] > most - _LEVEL), key=acceleration.__getitem__)
@@ -127,10 +127,10 @@ def summarise(runs: Sequence[Row]) -> list[Row]:
         runs: Runs with metrics, none left out or failed.
 
     Returns:
-        One row a trial or combined trial, neck, sensor and rival: labels, ``constants``, ``n_clips``, ``n_people``,
+        One row per trial or combined trial, neck, sensor and rival: labels, ``constants``, ``n_clips``, ``n_people``,
         each of `FIGURES` and `BEHIND` (None if undefined) and its interval under ``<name>_ci95``.
         Sorted within a trial, neck and sensor, best first: by eye contact, after a loss by the time to contact, else by
-        settling time, with those last that settle off the face.
+        settling time, with laws that settle off the face last.
     """
     rows = []
     names = [*dict.fromkeys(run["trial"] for run in runs)]
@@ -174,9 +174,9 @@ WITH_MODEL = ("smith", "smith_feedforward", *OURS)
 WITHOUT_MODEL = tuple(name for name in NAMES if name not in WITH_MODEL)
 DEAD_TIME, SERVO, LATENCY = "dead time", "servo", "latency"
 LABELS = {
-    DEAD_TIME: "believed dead time, % off the true one",
-    SERVO: "believed servo frequency, % off the true one",
-    LATENCY: "believed latency of the camera less the true one (ms)",
+    DEAD_TIME: "modelled dead time, % off the true one",
+    SERVO: "modelled servo frequency, % off the true one",
+    LATENCY: "modelled minus true latency of the camera (ms)",
 }
 _ERRORS: dict[str, dict[float, ModelError]] = {
     DEAD_TIME: {by: ModelError(dead_time_scale=1.0 + by / 100.0) for by in (-30.0, -15.0, 0.0, 15.0, 30.0)},
@@ -189,7 +189,7 @@ ERRORS = tuple(dict.fromkeys(error for errors in _ERRORS.values() for error in e
 def wrong_jobs(jobs: Sequence[RivalJob], results: Sequence[Row]) -> list[RivalJob]:
     """Jobs with each model mismatch, for controllers with a model.
 
-    Constants are those that are best without mismatch.
+    Constants are the best ones without mismatch.
 
     Args:
         jobs: Jobs without mismatch.
@@ -237,7 +237,7 @@ _ANSWERS: tuple[_Column, ...] = (
     ("settling to 1 deg (s)", "settling_s", 1.0, ".2f"),
     ("to 2.6 deg (s)", "settling_2p6_s", 1.0, ".2f"),
     ("reversals", "reversals", 1.0, ".1f"),
-    ("rests off the face by (deg)", "rest_error_deg", 1.0, ".2f"),
+    ("steady-state error (deg)", "rest_error_deg", 1.0, ".2f"),
 )
 _GAZES: tuple[_Column, ...] = (
     ("contact (%)", "eye_contact_2p6", 100.0, ".1f"),
@@ -250,7 +250,7 @@ _COLUMNS: dict[str, tuple[_Column, ...]] = {
     "step": _ANSWERS,
     "ramp": (*_ANSWERS, *_GAZES),
     **dict.fromkeys((*POSTURES, ALL_WALKS), (*_GAZES[:1], _BEHIND_MPC, *_GAZES[1:])),
-    LOSS: (("back in contact after (s)", "recontact_s", 1.0, ".2f"), *_GAZES),
+    LOSS: (("renewed contact after (s)", "recontact_s", 1.0, ".2f"), *_GAZES),
 }
 
 
@@ -261,7 +261,7 @@ def page_tables(rows: Sequence[Row]) -> list[PageTable]:
         rows: Rows of `summarise`.
 
     Returns:
-        One table a trial, neck and sensor; the first column is the rival.
+        One table per trial, neck and sensor; the first column is the rival.
     """
     found = []
     for trial, columns in _COLUMNS.items():
@@ -281,7 +281,7 @@ _COLOURS = ("#332288", "#999933", "#882255", "#44AA99", "#117733", "#AA4499", "#
 
 
 def contact_plots(rows: Sequence[Row]) -> list[Plot]:
-    """Eye contact on walks against acceleration, one point a rival, one plot a neck.
+    """Eye contact on walks against acceleration, one point per rival, one plot per neck.
 
     Args:
         rows: Rows of `summarise`, of one sensor.
@@ -306,7 +306,7 @@ def error_tables(by_label: Mapping[str, Sequence[Row]], level: Sequence[Row]) ->
         level: Rows of rivals without a model.
 
     Returns:
-        One table a mismatch, and one of the laws without a model.
+        One table per mismatch, and one of the laws without a model.
     """
     tables = []
     for label, of_error in by_label.items():

@@ -33,7 +33,7 @@ class HeadCamera:
         half_height_rad: Half of the vertical field of view, radians.
         width_px: Width of the image, pixels.
         height_px: Height of the image, pixels.
-        rate_hz: Detections a second.
+        rate_hz: Detections per second.
         latency_s: From capture to the arrival of the detection, seconds.
         pixel_noise_px: Standard deviation of the detected centre, on each axis, pixels.
         face_height_m: Height of a face's box, metres.
@@ -134,7 +134,7 @@ class Rival(ABC):
         return np.clip(angles_rad, self._neck.position_min_rad, self._neck.position_max_rad)
 
 
-# Tolerance for rounded time stamps: frames at 0.1 s intervals are ten a second.
+# Tolerance for rounded time stamps: frames at 0.1 s intervals are 10 Hz.
 _SAME_TIME_S = 1e-3
 
 

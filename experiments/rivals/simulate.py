@@ -59,7 +59,7 @@ def camera_of(sensor: SensorSpec) -> HeadCamera:
         sensor: A sensor from `on_the_head`.
 
     Returns:
-        The camera. Its noise is that of the box alone; the position of the face includes the sensor's errors.
+        The camera. Its noise is the box's only; the position of the face includes the sensor's errors.
     """
     return HeadCamera(
         half_width_rad=math.radians(sensor.view.horizontal_deg) / 2.0,
@@ -220,7 +220,7 @@ class EncoderHistory:
         return np.array([np.interp(time_s, times_s, angle_rad) for angle_rad in angles_rad.T])
 
 
-# Least rate of the simulation; that of the neck if it is higher.
+# Minimum rate of the simulation; the neck's rate if higher.
 RATE_HZ = 200.0
 _SAME_TIME_S = 1e-9
 _STILL = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -290,7 +290,7 @@ class _Run:
             self._recorder.tick(self.now_s, None, self._motor.sent, _STILL)
 
     def _detect(self, sighting: Sighting, rate_hz: float) -> None:
-        # The image is that of the true capture time: time stamps may have an error.
+        # The image is from the true capture time; time stamps may have an error.
         taken_s = sighting.observation.capture_time_s - self._scene.sensor.timing.stamp_offset_s
         captured = min(max(round(taken_s * rate_hz), 0), len(self._joints) - 1)
         seen = detect(self._camera, self._neck.geometry, self._joints[captured], sighting, self._rng)
@@ -301,7 +301,7 @@ class _Run:
     def _step(self) -> None:
         answer = np.asarray(self._rival.step(self._view(tuple(self._pending))), dtype=np.float64)
         if answer.shape != (2,) or not np.isfinite(answer).all():
-            raise ValueError(f"rival {self._rival.name}: step() returned {answer!r}, needed are two finite numbers")
+            raise ValueError(f"rival {self._rival.name}: step() returned {answer!r}; expected: two finite numbers")
         self._motor.ask(answer)
         self._pending.clear()
         # Periodic sampling, independent of the simulation's step.

@@ -78,7 +78,7 @@ def check_value(name: str, value: Any) -> tuple[Any, str | None]:
         value: The user's input.
 
     Returns:
-        The value in the setting's type, and None; or the value as given, and a message with the error and the accepted
+        The value in the setting's type and None, or the given value and a message with the error and the accepted
         values.
     """
     if name.startswith(OPTION):

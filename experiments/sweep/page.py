@@ -1,4 +1,4 @@
-"""Tables, plots and report of a sweep: one row a run, means for each point, Pareto front, and response curves."""
+"""Tables, plots and report of a sweep: one row per run, means for each point, Pareto front, and response curves."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
         rows: All runs.
 
     Returns:
-        One row a point and group (``all`` too): labels, ``n_clips``, ``n_people``, and each tabulated metric with
-        ``<metric>_low`` and ``<metric>_high``; None if undefined.
+        One row per point and group (including ``all``): labels, ``n_clips``, ``n_people``, and each tabulated metric
+        with ``<metric>_low`` and ``<metric>_high``; None if undefined.
     """
     done = [row for row in rows if not row["failed"] and not row["left_out"]]
     table = []
@@ -82,7 +82,7 @@ def point_table(plan: SweepPlan, rows: Sequence[Row]) -> list[Row]:
 
 
 def tabulated(plan: SweepPlan) -> tuple[str, ...]:
-    """Metrics of the table: the requested ones, and those of objectives and figures."""
+    """Metrics of the table: the requested ones, and the objectives' and figures'."""
     spec = plan.spec
     drawn = [metric for _, metric, _ in spec.figures.response]
     drawn += [metric for x, y, _ in spec.figures.pareto for metric in (x, y)]
@@ -178,7 +178,7 @@ def recorded_or_synthetic(plan: SweepPlan) -> str:
 def _response(rows: Sequence[Row], x: str, metric: str, by: str) -> Plot:
     ticks = distinct(rows, x)
     numeric = all(isinstance(tick, (int, float)) for tick in ticks)
-    # One line a case: cases are not averaged.
+    # One line per case: cases are not averaged.
     series = grouped((row for row in rows if row[x] is not None), "case", by)
     lines = []
     for i, ((case, one), every) in enumerate(series.items()):
@@ -268,7 +268,7 @@ def sweep_page(
     return Page(
         title=f"Sweep {plan.spec.name}",
         question=" ".join(plan.spec.question.split())
-        or f"What comes of changing {' and '.join(map(with_unit, plan.spec.varied()))}?",
+        or f"What is the effect of {' and '.join(map(with_unit, plan.spec.varied()))}?",
         answer=tuple(_answers(plan, overall)),
         setup={
             "recordings": f"{recorded_or_synthetic(plan)} of {people} {'people' if people > 1 else 'person'}",

@@ -134,7 +134,7 @@ def _value(name: str, entry: Any, u: float) -> Any:
 
 # Number of random points by which an Optuna design is validated.
 _PROBES = 64
-# Maximum number of points, as of a random design.
+# Maximum number of points, as for a random design.
 _MOST_POINTS = 100_000
 
 
@@ -196,7 +196,7 @@ def load_plan(
         spec = spec.model_copy(update={"recordings": tuple(words)})
         for case in spec.all_cases():
             if case.design == "grid" and (count := math.prod(map(len, case.vary.values()))) > _MOST_POINTS:
-                problems.append(f"case {case.name}: a grid of {count} points; accepted are {_MOST_POINTS} at most")
+                problems.append(f"case {case.name}: a grid of {count} points; at most {_MOST_POINTS} are accepted")
                 continue
             points[case.name] = [] if case.design == "optuna" else design_points(case, spec.seed)
             problems += _unresolvable(case, points[case.name] or _probes(case, spec.seed))

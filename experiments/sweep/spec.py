@@ -29,8 +29,8 @@ class Range(_Strict):
 
     low: float
     high: float
-    log: bool = Field(default=False, description="Even in the logarithm")
-    integer: bool = Field(default=False, description="Whole numbers only")
+    log: bool = Field(default=False, description="Uniform in the logarithm")
+    integer: bool = Field(default=False, description="Integers only")
 
 
 def _check_base(base: dict[str, Any]) -> dict[str, Any]:
@@ -70,18 +70,18 @@ def _check_vary(vary: dict[str, Any]) -> dict[str, Any]:
 def _range_problems(name: str, ends: Range) -> Iterable[str]:
     field = setting_fields()[name]
     if not is_number(field):
-        yield "has no numbers between two ends; give a list of values"
+        yield "is not numeric; give a list of values"
         return
     for end in ("low", "high"):
         value = getattr(ends, end)
         if problem := check_value(name, value)[1]:
             yield f"{end}: {problem}"
         if (ends.integer or field.annotation is int) and value != round(value):
-            yield f"{end}: not a whole number (given: {value})"
+            yield f"{end}: not an integer (given: {value})"
     if not ends.low < ends.high:
         yield f"low ({ends.low:g}) must be less than high ({ends.high:g})"
     if ends.log and ends.low <= 0:
-        yield f"low must be more than 0 where log is true (given: {ends.low:g})"
+        yield f"low must be more than 0 if log is true (given: {ends.low:g})"
 
 
 def _check_metric(name: str) -> str:
@@ -112,7 +112,7 @@ class Figures(_Strict):
     """Figures to draw; each kind once or several times. x and by are settings that vary, or case, group, controller."""
 
     response: Annotated[tuple[tuple[str, Metric, str], ...], BeforeValidator(_one_or_many)] = Field(
-        default=(), description="[x, metric, by]: mean of a metric over x, a line for each value of by"
+        default=(), description="[x, metric, by]: mean of a metric over x, one line per value of by"
     )
     pareto: Annotated[tuple[tuple[Metric, Metric, str], ...], BeforeValidator(_one_or_many)] = Field(
         default=(), description="[x metric, y metric, by]: all points, the front of each value of by as a line"
@@ -132,14 +132,14 @@ class Case(_Strict):
 class SweepSpec(_Strict):
     """A sweep file."""
 
-    name: str = Field(pattern=r"^[\w-]+$", description="Short; names the output folder")
-    question: str = Field(default="", description="What the sweep is to answer")
+    name: str = Field(pattern=r"^[\w-]+$", description="Short name, also of the output folder")
+    question: str = Field(default="", description="Question that the sweep answers")
     recordings: tuple[str, ...] = Field(default=("synthetic",), min_length=1)
     base: Base = {}
     vary: Vary = {}
     design: Design = "grid"
     n: Count = None
-    seed: int = Field(default=0, ge=0, description="Of the design; the sensor's is the setting `seed`")
+    seed: int = Field(default=0, ge=0, description="Seed of the design; the sensor's is the setting `seed`")
     objectives: tuple[Objective, ...] = Field(
         default=(
             Objective(metric="eye_contact_2p6", direction="maximize"),
@@ -179,9 +179,9 @@ class SweepSpec(_Strict):
 
     def _relations(self) -> Iterator[str]:
         if not self.cases and not self.vary:
-            yield "vary: nothing varies; give vary or cases"
+            yield "vary: no setting varies; give vary or cases"
         names = [case.name for case in self.cases]
-        yield from (f"cases: the name {name!r} is used twice" for name in {n for n in names if names.count(n) > 1})
+        yield from (f"cases: duplicate name {name!r}" for name in {n for n in names if names.count(n) > 1})
         parts = [("", self.base, self.vary), *((f"cases.{i}.", c.base, c.vary) for i, c in enumerate(self.cases))]
         for where, base, vary in parts:
             yield from (f"{where}vary: {name} is in base too" for name in sorted({*base} & {*vary}))
@@ -194,7 +194,7 @@ class SweepSpec(_Strict):
             if case.design != "grid" and case.n is None:
                 yield f"{where}n: missing; design {case.design} needs the number of points"
             if case.design != "grid" and not case.vary:
-                yield f"{where}vary: nothing varies; design {case.design} needs a setting to vary"
+                yield f"{where}vary: no setting varies; design {case.design} needs a setting to vary"
         varied = (*LABELS, *self.varied())
         drawn = {
             "response": [name for x, _, by in self.figures.response for name in (x, by)],

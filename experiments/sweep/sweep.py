@@ -98,7 +98,7 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
         dask: Address of the scheduler of a cluster; None for this machine.
 
     Returns:
-        One row a run: labels, varied settings, ``left_out`` and ``failed``, and all metrics.
+        One row per run: labels, varied settings, ``left_out`` and ``failed``, and all metrics.
 
     Raises:
         MissingOptionalDependencyError: If Optuna or dask.distributed is required and not installed.
@@ -110,7 +110,7 @@ def run_sweep(plan: SweepPlan, out: Path, jobs: int = 1, dask: str | None = None
     tuned = sum(case.n or 0 for case in plan.spec.all_cases() if case.design == "optuna")
     total = len(plan.walks) * (tuned + sum(map(len, plan.points.values())))
     with Engine(out / "runs", jobs, dask, total=total) as engine:
-        # All fixed points in parallel; those of a tuning follow batch by batch.
+        # All fixed points in parallel; points of a tuning follow batch by batch.
         known = [(case, i, point) for case in cases for i, point in enumerate(plan.points[case.name])]
         rows = _rows(plan, engine, known)
         for case in (case for case in cases if case.design == "optuna"):
@@ -140,11 +140,11 @@ class SweepSettings(WorkSettings):
         description=f"A sweep file, or a shipped study: {', '.join(shipped_studies())}"
     )
     recordings: tuple[str, ...] | None = Field(
-        default=None, min_length=1, description="In place of the file's: 'synthetic', folders, files or synthetic names"
+        default=None, min_length=1, description="Override the file's: 'synthetic', folders, files or synthetic names"
     )
     walker: WalkerSettings = WalkerSettings()
     out: Path | None = Field(  # type: ignore[assignment]
-        default=None, description="Where to write, and to go on; without it out/sweep/<name>"
+        default=None, description="Output folder, from which a run resumes; default: out/sweep/<name>"
     )
     figures: bool = Field(default=True, description="Draw figures")
 

@@ -1,1 +1,1 @@
-"""Files from untrusted sources: checked, read within bounds, written whole. May import gazempc.errors."""
+"""Files from untrusted sources: checks, bounded reading, atomic writing. May import gazempc.errors."""

@@ -1,4 +1,4 @@
-"""Checks of a file before it is read: its kind, its size, and the size of its content."""
+"""Checks of a file before reading: type, size, and unpacked size."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 
 MEGABYTE = 2**20
-# An hour of 30 joints at 30 Hz as text. Larger files are no recording of one walk.
+# An hour of 30 joints at 30 Hz as text. Larger files are not recordings of one walk.
 MOST_TEXT_BYTES = 100 * MEGABYTE
 # Settings, necks and mappings have a few kilobytes; parsers written in Python need a second for this.
 MOST_SETTINGS_BYTES = 256 * 1024
 # An hour of 75 columns at 100 Hz; as Python's text they take 2 GB.
 MOST_VALUES = 30_000_000
-# Content of a packed file: some megabytes are packed to nearly nothing, larger content rarely to a twelfth.
+# Largest unpacked size: a constant (a few megabytes compress to nearly nothing) plus twelve times the packed size.
 _UNPACKED_BYTES, _UNPACKED_PER_BYTE = 250 * MEGABYTE, 12
 _IS_BLANK = np.isin(np.arange(256), list(b" \r\n"))
 
 
 def is_there(path: Path) -> bool:
-    """Whether there is a file, or anything else but a folder; False, too, for names that no system has."""
+    """Whether a path exists and is not a folder; False for invalid names."""
     try:
         return path.exists() and not path.is_dir()
     except (OSError, ValueError):
@@ -30,61 +30,61 @@ def is_there(path: Path) -> bool:
 
 
 def check_file(path: Path, most_bytes: int | None = None) -> int:
-    """Check type and size of a file before reading: a pipe would never end.
+    """Check type and size of a file before reading: reading a pipe would not terminate.
 
     Args:
         path: The file.
-        most_bytes: Its largest size; None for any.
+        most_bytes: Maximum size; None for any.
 
     Returns:
         Its size, bytes.
 
     Raises:
-        OSError: If there is no such file, or it is refused; `strerror` has the reason.
+        OSError: If there is no such file, or it is rejected; `strerror` has the reason.
     """
     return _checked(path, path.stat(), most_bytes)
 
 
 def check_folder(path: Path) -> int:
-    """Refuse a folder with anything but regular files and folders in it: a reader might wait for it for ever.
+    """Reject a folder with other entries than regular files and folders, which could block a reader forever.
 
     Args:
         path: The folder.
 
     Returns:
-        Size of its files together, bytes.
+        Total size of its files, bytes.
 
     Raises:
-        OSError: Names what is refused, and why.
+        OSError: Names the rejected entry and the reason.
     """
     return sum(check_file(part) for part in path.iterdir() if not part.is_dir())
 
 
 def read_limited(path: Path, most_bytes: int) -> bytes:
-    """Read a file that may be anything.
+    """Read a regular file of bounded size.
 
     Args:
         path: The file.
-        most_bytes: Its largest size.
+        most_bytes: Maximum size.
 
     Returns:
         Its bytes.
 
     Raises:
-        OSError: If it cannot be read, is no regular file or is too large; `strerror` has the reason.
+        OSError: If it cannot be read, is not a regular file or is too large; `strerror` has the reason.
     """
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(opened, "rb") as file:
         _checked(path, os.fstat(file.fileno()), most_bytes)
         data = file.read(most_bytes + 1)
-    if len(data) > most_bytes:  # such as files of the system, which state no size
+    if len(data) > most_bytes:  # such as files of the system, whose stated size is 0
         raise _too_large(path, most_bytes)
     return data
 
 
 def most_unpacked_bytes(size_bytes: int) -> int:
-    """Largest content of a packed file that its size explains.
+    """Largest plausible unpacked size of a packed file.
 
     Args:
         size_bytes: Size of the file.
@@ -96,22 +96,22 @@ def most_unpacked_bytes(size_bytes: int) -> int:
 
 
 def check_unpacked(unpacked_bytes: int, size_bytes: int) -> None:
-    """Refuse a packed file by the size of its content, before it is unpacked.
+    """Reject a packed file with an implausible unpacked size, before unpacking.
 
     Args:
-        unpacked_bytes: Size of the content.
+        unpacked_bytes: Unpacked size.
         size_bytes: Size of the file.
 
     Raises:
-        OSError: If the content is far larger than the file.
+        OSError: If the unpacked size is far larger than the file.
     """
     if unpacked_bytes > most_unpacked_bytes(size_bytes):
-        problem = f"its content takes far more memory than its size explains: {_size(unpacked_bytes)} unpacked"
+        problem = f"its content is implausibly large for its size: {_size(unpacked_bytes)} unpacked"
         raise OSError(errno.ENOMEM, f"{problem}, {_size(most_unpacked_bytes(size_bytes))} accepted")
 
 
 def check_values(data: bytes) -> None:
-    """Refuse text by the number of its values, before it is cut: each takes some 60 bytes of memory.
+    """Reject text with too many values, before splitting: each takes some 60 bytes of memory.
 
     Args:
         data: Text whose values are separated by blanks, commas, semicolons or tabs.
@@ -120,10 +120,10 @@ def check_values(data: bytes) -> None:
         OSError: If there are more than `MOST_VALUES`.
     """
     blank = _IS_BLANK[np.frombuffer(data, dtype=np.uint8)]
-    # A run of blanks separates once.
+    # A run of blanks is one separator.
     count = sum(map(data.count, (b",", b";", b"\t"))) + int((blank[1:] & ~blank[:-1]).sum())
     if count > MOST_VALUES:
-        raise OSError(errno.EFBIG, f"it has {count} values; accepted are {MOST_VALUES} at most")
+        raise OSError(errno.EFBIG, f"it has {count} values; at most {MOST_VALUES} are accepted")
 
 
 def _checked(path: Path, found: os.stat_result, most_bytes: int | None) -> int:
@@ -137,7 +137,7 @@ def _checked(path: Path, found: os.stat_result, most_bytes: int | None) -> int:
 
 def _too_large(path: Path, most_bytes: int, size_bytes: int | None = None) -> OSError:
     has = "" if size_bytes is None else f"it has {_size(size_bytes)}; "
-    return OSError(errno.EFBIG, f"the file is too large: {has}accepted are {_size(most_bytes)} at most", str(path))
+    return OSError(errno.EFBIG, f"the file is too large: {has}at most {_size(most_bytes)} are accepted", str(path))
 
 
 def _size(count_bytes: int) -> str:

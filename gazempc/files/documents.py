@@ -1,4 +1,4 @@
-"""Settings as TOML or YAML text from untrusted sources, parsed within bounds and never executed; and TOML written."""
+"""Parsers of TOML and YAML settings from untrusted sources, bounded and without code execution; writer of TOML."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gazempc.files.bounds import MOST_SETTINGS_BYTES, read_limited
 
 # Nesting limit: deeper than any settings, and far below the stack limit of the parsers.
 _DEEPEST = 30
-# Strings and comments are passed over: a key of dots inside them is text.
+# Strings and comments are skipped: dotted keys inside them are text.
 _TOML_KEY = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
 _TOML_TOKENS = re.compile(
     rf"(?P<deep>{_TOML_KEY}(?:[ \t]*+\.[ \t]*+{_TOML_KEY}){{{_DEEPEST},}})"
@@ -31,7 +31,7 @@ _TOO_DEEP = f"nested deeper than {_DEEPEST} levels"
 
 
 def read_settings(path: Path) -> str:
-    """Text of a file with settings.
+    """Read the text of a settings file.
 
     Args:
         path: The file.
@@ -40,7 +40,7 @@ def read_settings(path: Path) -> str:
         Its text.
 
     Raises:
-        SettingsError: If it cannot be read, is no regular file, is too large or is not text.
+        SettingsError: If it cannot be read, is not a regular file, is too large or is not text.
     """
     try:
         return read_limited(path, MOST_SETTINGS_BYTES).decode("utf-8")
@@ -55,17 +55,17 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
     Args:
         text: TOML.
-        source: Where it is from, for messages.
+        source: Origin of the text, for messages.
 
     Returns:
         Its tables.
 
     Raises:
-        SettingsError: If it is not TOML, holds a number of thousands of digits or is nested too deeply.
+        SettingsError: If it is not TOML, has a number with thousands of digits or is nested too deeply.
     """
-    with _naming(source, "TOML"):
+    with _parser_errors(source, "TOML"):
         if len(text) > MOST_SETTINGS_BYTES:
-            raise ValueError(f"{len(text)} characters; accepted are {MOST_SETTINGS_BYTES} at most")
+            raise ValueError(f"{len(text)} characters; at most {MOST_SETTINGS_BYTES} are accepted")
         # The parser's time and memory grow with the square of the parts of a key.
         if any(found.lastgroup for found in _TOML_TOKENS.finditer(text)):
             raise ValueError(_TOO_DEEP)
@@ -73,35 +73,35 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """Parse YAML without aliases: a few lines of them stand for gigabytes.
+    """Parse YAML without aliases, a few lines of which may expand to gigabytes.
 
     Args:
         text: YAML.
-        source: Where it is from, for messages.
+        source: Origin of the text, for messages.
 
     Returns:
         Its content.
 
     Raises:
-        SettingsError: If it is not YAML, has aliases, holds a number of thousands of digits or is nested too deeply.
+        SettingsError: If it is not YAML, has aliases, has a number with thousands of digits or is nested too deeply.
     """
     check_yaml(text, source)
-    with _naming(source, "YAML"):
+    with _parser_errors(source, "YAML"):
         return _checked(yaml.safe_load(text))
 
 
 def check_yaml(text: str, source: str) -> None:
-    """Refuse YAML that another parser must not be given.
+    """Reject YAML that is unsafe for other parsers.
 
     Args:
         text: YAML.
-        source: Where it is from, for messages.
+        source: Origin of the text, for messages.
 
     Raises:
         SettingsError: If it is not YAML, has aliases or is nested too deeply.
     """
     depth = 0
-    with _naming(source, "YAML"):
+    with _parser_errors(source, "YAML"):
         for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
             line = "" if event.start_mark is None else f"line {event.start_mark.line + 1}: "
             if isinstance(event, yaml.AliasEvent):
@@ -112,10 +112,10 @@ def check_yaml(text: str, source: str) -> None:
 
 
 def as_toml(values: Mapping[str, object]) -> str:
-    """Text that `gazempc.specfiles` reads.
+    """TOML text for `gazempc.specfiles`.
 
     Args:
-        values: Numbers, texts, truths and lists; a mapping is a table.
+        values: Numbers, strings, Booleans and lists; mappings become tables.
 
     Returns:
         TOML, tables last.
@@ -137,7 +137,7 @@ def _toml(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        # JSON's escapes are TOML's, but for one character that JSON leaves as it is.
+        # JSON's escapes are valid TOML; JSON leaves only DEL unescaped.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
@@ -145,24 +145,24 @@ def _toml(value: object) -> str:
 
 
 @contextmanager
-def _naming(source: str, language: str) -> Iterator[None]:
+def _parser_errors(source: str, language: str) -> Iterator[None]:
     try:
         yield
     except RecursionError:
         raise SettingsError(f"{source}: not valid {language}: {_TOO_DEEP}") from None
-    # Dates that do not exist and keys that are lists make the parser of YAML raise other errors than its own.
+    # Invalid dates and lists as keys make the YAML parser raise other errors than its own.
     except (yaml.YAMLError, ValueError, TypeError, OverflowError) as error:
         text = str(error)
-        if "digits" in text and "limit" in text:  # Python's own words advise programmers
-            text = "a whole number of thousands of digits"
-        elif "maximum nesting depth" in text:  # newer libyaml has a limit of its own
+        if "digits" in text and "limit" in text:  # Python's message is advice to programmers
+            text = "an integer with thousands of digits"
+        elif "maximum nesting depth" in text:  # newer libyaml has a nesting limit, too
             text = _TOO_DEEP
         text = text if len(text) <= _LONGEST_REASON else f"{text[:_LONGEST_REASON]}..."
         raise SettingsError(f"{source}: not valid {language}: {text}") from None
 
 
 def _checked(value: _Value, depth: int = 0) -> _Value:
-    """The value; refuses parts that cannot be computed with, or printed.
+    """The value; rejects integers beyond 64 bits, invalid strings and deep nesting.
 
     Raises:
         ValueError: Names the part.
@@ -175,7 +175,7 @@ def _checked(value: _Value, depth: int = 0) -> _Value:
     for part in parts:
         _checked(part, depth + 1)
     if isinstance(value, int) and abs(value) > 2**63:
-        raise ValueError(f"{shown(value)} is too large a whole number; accepted: 64 bits")
+        raise ValueError(f"{shown(value)} is too large an integer; accepted: 64 bits")
     if isinstance(value, str) and any("\ud800" <= character <= "\udfff" for character in value):
-        raise ValueError(f"{shown(value)} is no text: half of a surrogate pair")
+        raise ValueError(f"{shown(value)} is not valid text: it has half of a surrogate pair")
     return value

@@ -1,4 +1,4 @@
-"""Files of numpy arrays (``.npz``) from untrusted sources: never executed, sizes checked before unpacking."""
+"""Files of numpy arrays (``.npz``) from untrusted sources: no pickles, sizes checked before unpacking."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.lib import format as npy
 from gazempc.errors import shown
 from gazempc.files.bounds import MEGABYTE, check_unpacked, read_limited
 
-# A log of an hour has a tenth of it.
+# Ten times the size of a log of an hour.
 _MOST_BYTES = 500 * MEGABYTE
 _MOST_ARRAYS = 200
 _KINDS = "biufU"
@@ -26,11 +26,12 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
         file: Its path, or its bytes.
 
     Returns:
-        Each array by its name.
+        Arrays by name.
 
     Raises:
         OSError: If it cannot be read, or its content is far larger than the file.
-        ValueError: If it is no such file, is damaged or encrypted, or holds anything but numbers and text.
+        ValueError: If it is not such a file, is damaged or encrypted, or has arrays of other types than numbers and
+            text.
     """
     data = file if isinstance(file, bytes) else read_limited(file, _MOST_BYTES)
     try:
@@ -45,11 +46,11 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
 
 
 def check_npz(path: Path, most_bytes: int) -> None:
-    """Refuse a file of arrays that another reader must not be given; one that is no archive is left to that reader.
+    """Reject a file of arrays that is unsafe for other readers; a file that is not an archive passes.
 
     Args:
         path: Its path.
-        most_bytes: Its largest size.
+        most_bytes: Maximum size.
 
     Raises:
         OSError: If it cannot be read, is too large, or its content is far larger than the file.
@@ -61,21 +62,21 @@ def check_npz(path: Path, most_bytes: int) -> None:
             _check_members(archive, len(data))
     except (OSError, ValueError):
         raise
-    except Exception:  # no archive, or a damaged one: the reader's message names what it accepts
+    except Exception:  # not an archive, or damaged: the reader's message names the accepted formats
         return
 
 
 def _check_members(archive: zipfile.ZipFile, size_bytes: int) -> None:
     members = archive.infolist()
     if len(members) > _MOST_ARRAYS:
-        raise ValueError(f"{len(members)} arrays; accepted are {_MOST_ARRAYS} at most")
+        raise ValueError(f"{len(members)} arrays; at most {_MOST_ARRAYS} are accepted")
     check_unpacked(sum(member.file_size for member in members), size_bytes)
     for member in members:
         _check(archive, member)
 
 
 def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
-    """Refuse an array that disagrees with its header, before it is unpacked.
+    """Reject an array that disagrees with its header, before unpacking.
 
     Raises:
         ValueError: Names the array.
@@ -88,7 +89,7 @@ def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
         shape, _, kind = read_header(file)
         header_bytes = file.tell()
     if kind.kind not in _KINDS or kind.hasobject:
-        raise ValueError(f"{shown(member.filename, 80)} holds {kind!s:.80}; accepted: numbers and text")
+        raise ValueError(f"{shown(member.filename, 80)} is of type {kind!s:.80}; accepted: numbers and text")
     if header_bytes + math.prod(shape) * kind.itemsize != member.file_size:
         raise ValueError(f"{shown(member.filename, 80)} has {member.file_size} bytes, which disagrees with its shape")
 

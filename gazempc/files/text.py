@@ -1,4 +1,4 @@
-"""Text files as readers need them: every failure to open or decode one is a `RecordingError`."""
+"""Reading of text files: every failure to open or decode one is a `RecordingError`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def read_text(path: Path, format_name: str) -> str:
         Its text without a byte order mark.
 
     Raises:
-        RecordingError: If it cannot be opened, is empty, is not UTF-8 or holds zero bytes.
+        RecordingError: If it cannot be opened, is empty, is not UTF-8 or contains zero bytes.
     """
     return decode(path, read_bytes(path, format_name), format_name)
 
@@ -51,7 +51,7 @@ def decode(path: Path, data: bytes, format_name: str) -> str:
     """Decode UTF-8 text.
 
     Args:
-        path: File it is from.
+        path: Origin of the bytes, for messages.
         data: Its bytes.
         format_name: Expected format, for the message.
 
@@ -59,7 +59,7 @@ def decode(path: Path, data: bytes, format_name: str) -> str:
         Its text without a byte order mark.
 
     Raises:
-        RecordingError: If it is not UTF-8, is blank or holds zero bytes.
+        RecordingError: If it is not UTF-8, is blank or contains zero bytes.
     """
     expected = f"{format_name} as UTF-8 text"
     try:
@@ -71,7 +71,7 @@ def decode(path: Path, data: bytes, format_name: str) -> str:
         ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise RecordingError(path, f"line {line}", "a zero byte: this is a binary file", expected)
+        raise RecordingError(path, f"line {line}", "a zero byte, as in binary files", expected)
     if not text.strip():
         raise RecordingError(path, "", "the file is empty", expected)
     return text

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and the folder that a run writes to."""
+"""Atomic writing of files, and exclusive access to a run's output folder."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from gazempc.errors import GazempcError
 with suppress(ImportError):  # Windows
     import fcntl
 
-# Files that a run writes. A controller's log has its computing times beside it.
-_OURS = re.compile(
+# Output files of a run. A controller's log has a file of computing times beside it.
+_OUTPUT_FILES = re.compile(
     r"(summary\.json|settings\.yaml|report\.html|(overview|birds_eye|angles|gaze_error)\.png|gaze\.gif|"
     r"(log|compute)_\d{3,}\.(npz|mcap))(\.\d+\.part)?"
 )
@@ -24,13 +24,13 @@ _TIMES = "_compute.npz"
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A file to write in here, which takes the place of another one only once it is complete.
+    """Temporary file that atomically replaces the target on success.
 
     Args:
-        path: Where it is to stand at the end. A link there is replaced, not followed.
+        path: Target. A link is replaced, not followed.
 
     Yields:
-        Where to write it.
+        Path of the temporary file.
 
     Raises:
         OSError: If it cannot be written; names the file.
@@ -46,11 +46,11 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes | Callable[[IO[bytes]], object]) -> None:
-    """Write a file whole or not at all, also if the process is killed or the disk is full.
+    """Write a file atomically, also if the process is killed or the disk is full.
 
     Args:
         path: File to write.
-        content: Text, bytes, or what writes to an open file.
+        content: Text, bytes, or a function that writes to an open file.
 
     Raises:
         OSError: If it cannot be written; names the file.
@@ -64,10 +64,10 @@ def write_whole(path: Path, content: str | bytes | Callable[[IO[bytes]], object]
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Name the file in errors of the file system.
+    """Add the file's path to errors of the file system.
 
     Args:
-        path: The file that is written inside.
+        path: The file that is written.
 
     Raises:
         OSError: With the path.
@@ -80,28 +80,28 @@ def naming(path: Path) -> Iterator[None]:
 
 @contextmanager
 def begin_folder(out: Path) -> Iterator[None]:
-    """The folder that one run alone writes to inside; what an earlier run wrote there is taken away.
+    """Lock an output folder for one run, and remove the files of earlier runs.
 
     Args:
-        out: The folder, made if it does not exist. Files of other names stay; folders are not looked into.
+        out: The folder, made if it does not exist. Files of other names are kept; subfolders are ignored.
 
     Raises:
-        GazempcError: If another run, of this process or another one, writes there now.
-        OSError: If it cannot be constructed, or an old file cannot be removed.
+        GazempcError: If another run, of this process or another one, is writing to it.
+        OSError: If it cannot be created, or an old file cannot be removed.
     """
     with naming(out):
         out.mkdir(parents=True, exist_ok=True)
-    with _alone_in(out):
+    with _locked(out):
         _remove_earlier(out)
         yield
 
 
 @contextmanager
-def _alone_in(folder: Path) -> Iterator[None]:
+def _locked(folder: Path) -> Iterator[None]:
     if os.name == "nt":
         yield
         return
-    # A lock of the folder itself: no file stays behind, and it ends with the process.
+    # A lock on the folder itself needs no lock file and ends with the process.
     opened = os.open(folder, os.O_RDONLY)
     try:
         try:
@@ -121,5 +121,5 @@ def _remove_earlier(out: Path) -> None:
     logs = {path.name.removesuffix(_TIMES) for path in out.glob(f"*{_TIMES}")}
     old = {f"{log}{ending}" for log in logs for ending in (".npz", ".mcap", _TIMES)}
     for path in out.iterdir():
-        if (path.name in old or _OURS.fullmatch(path.name)) and not path.is_dir():
+        if (path.name in old or _OUTPUT_FILES.fullmatch(path.name)) and not path.is_dir():
             path.unlink()

@@ -1,4 +1,4 @@
-"""Validated data of one axis on one clock; refused if dead time and servo are not identifiable."""
+"""Validated data of one axis on one clock; rejected if dead time and servo are not identifiable."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class AxisData:
 
 
 def prepare_axis(record: NeckRecord, index: int) -> AxisData:
-    """Take one axis from a record.
+    """Extract one axis from a record.
 
     Args:
         record: Commands and angles.
@@ -60,7 +60,7 @@ def prepare_axis(record: NeckRecord, index: int) -> AxisData:
 
     reported, failed = record.joint_time_s.size, record.failed_reads
     if reported == 0:
-        raise refuse(f"the joints were not reported once ({failed} reads failed)", "check the robot's connection")
+        raise refuse(f"there are no readings of the joints ({failed} reads failed)", "check the robot's connection")
     command_time_s, command = _advancing(record.command_time_s, record.command_rad[:, index])
     time_s, measured = _advancing(record.joint_time_s, record.joint_rad[:, index])
     if (stamps := time_s.size) < FEWEST_READINGS:
@@ -72,19 +72,19 @@ def prepare_axis(record: NeckRecord, index: int) -> AxisData:
         raise refuse(shared, "record longer, with time stamps of one clock")
     inside = (time_s >= command_time_s[0]) & (time_s <= command_time_s[-1] + 1.0)
     time_s, measured = time_s[inside], measured[inside]
-    asked_deg = float(np.rad2deg(np.ptp(command)))
-    if asked_deg < _LEAST_COMMAND_DEG:
-        moves = f"its command moves over {asked_deg:.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed"
+    command_deg = float(np.rad2deg(np.ptp(command)))
+    if command_deg < _LEAST_COMMAND_DEG:
+        moves = f"its command moves over {command_deg:.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed"
         raise refuse(moves, "move it more (--amplitude-deg), or leave it out with --axes")
     # Failed readings often come as a fixed angle far away, such as -180 deg.
     reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
     wild = np.abs(measured - median_filter(measured, size=5, mode="nearest")) > _MISREAD_RAD + reach
     if (share := wild.mean()) > _MOST_MISREAD:
-        raise refuse(f"{100 * share:.0f} % of the readings jump as no joint can", "check the encoder and its unit")
+        raise refuse(f"{100 * share:.0f} % of the readings are implausible jumps", "check the encoder and its unit")
     time_s, measured = time_s[~wild], measured[~wild]
     moved_deg = float(np.rad2deg(np.ptp(np.percentile(measured, (1, 99)))))
-    if moved_deg < _LEAST_FOLLOWED * asked_deg:
-        moves = f"the command moved over {asked_deg:.1f} deg, the joint over {moved_deg:.1f} deg"
+    if moved_deg < _LEAST_FOLLOWED * command_deg:
+        moves = f"the command moved over {command_deg:.1f} deg, the joint over {moved_deg:.1f} deg"
         raise refuse(moves, "check that its motor is on, and that the angles are in radians and of this axis")
     return AxisData(command_time_s, command, time_s, measured, int(wild.sum()))
 

@@ -1,4 +1,4 @@
-"""Estimation of dead time and servo of one axis, with confidence intervals; refuses insufficient data."""
+"""Estimation of dead time and servo of one axis, with confidence intervals; rejects insufficient data."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gazempc.identify.record import IdentificationError, NeckRecord
 from gazempc.identify.servo_fit import Z_95, Fit, ServoModel, fit
 from gazempc.types import FloatArray
 
-# Least fit, and widest confidence intervals, of a reliable result.
+# Minimum fit and maximum half widths of the confidence intervals of a reliable result.
 _LEAST_FIT_PERCENT = 80.0
 _WIDEST_MS, _WIDEST_PERCENT = 20.0, 25.0  # of dead time and bandwidth
 # Structure of the residual due to quantisation by an encoder of 4096 steps.
@@ -29,8 +29,8 @@ _SCAN_DAMPING = 0.8
 
 _SCAN_READINGS = 1000
 _STARTS = 3
-_SAME_PLACE_S = 0.15
-_HOPEFUL = 3.0
+_DISTINCT_S = 0.15
+_COMPETITIVE = 3.0
 _LOWEST = (math.log(0.5), math.log(0.101))
 _HIGHEST = (math.log(300.0), math.log(9.99))
 _AT_BOUND = 1e-3
@@ -105,10 +105,10 @@ class AxisEstimate:
         if self.structured_rms_deg < _NOTED_DEG:
             return ""
         return (
-            f"{self.axis}: {self.structured_rms_deg:.2f} deg of the difference hang together in time\n"
-            "  (friction, play, a motor at its limit): no second-order servo moves just so,\n"
-            "  and the truth may lie outside the intervals; "
-            "look at the figure, and try another --amplitude-deg"
+            f"{self.axis}: {self.structured_rms_deg:.2f} deg of the residual are correlated in time\n"
+            "  (friction, play, a motor at its limit): a second-order servo does not model it,\n"
+            "  and the true values may lie outside the intervals; "
+            "inspect the figure, and try another --amplitude-deg"
         )
 
 
@@ -206,8 +206,8 @@ def _scan(data: AxisData, dead_time_max_s: float) -> list[tuple[float, float, fl
     starts: list[tuple[float, float, float]] = []
     for error, start in sorted(found):
         # A faster servo with a longer dead time is nearly equivalent: the fit converges from one to the other.
-        distinct = all(abs(start[0] - other[0]) > _SAME_PLACE_S for other in starts)
-        if distinct and error <= _HOPEFUL * min(found)[0] and len(starts) < _STARTS:
+        distinct = all(abs(start[0] - other[0]) > _DISTINCT_S for other in starts)
+        if distinct and error <= _COMPETITIVE * min(found)[0] and len(starts) < _STARTS:
             starts.append(start)
     return starts
 
@@ -248,19 +248,19 @@ def _doubts(
     found = []
     if fit_percent < _LEAST_FIT_PERCENT:
         found.append(
-            f"the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are needed: look "
-            "at the figure; the joint may be hindered, too slow for its commands or no second-order servo"
+            f"the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are needed: "
+            "inspect the figure; the joint may be obstructed, too slow for its commands or not a second-order servo"
         )
     widths = (("dead time", width_ms, _WIDEST_MS, "ms"), ("bandwidth", width_percent, _WIDEST_PERCENT, "%"))
     for what, width, widest, unit in widths:
         if width > widest:
-            found.append(f"the {what} is only known to +-{width:.0f} {unit}; +-{widest:g} {unit} are needed: {more}")
+            found.append(f"the {what} is uncertain by +-{width:.0f} {unit}; +-{widest:g} {unit} are needed: {more}")
     for i, label in enumerate(("dead time", "natural frequency", "damping ratio")):
         for bound in (bounds[0][i], bounds[1][i]):
             if abs(best.values[i] - bound) < _AT_BOUND:
                 end = f"{1e3 * bound:.4g} ms" if i == 0 else f"{math.exp(bound):.4g}"
-                advice = "the joint may be hindered" if i else f"allow more (--dead-time-max-s), or {clocks}"
-                found.append(f"the {label} is at the end of what was looked for ({end}): {advice}")
+                advice = "the joint may be obstructed" if i else f"allow more (--dead-time-max-s), or {clocks}"
+                found.append(f"the {label} is at the bound of the search ({end}): {advice}")
     if dead_time.high < -_NARROWEST_S:
         found.append(f"the joint moves {-1e3 * dead_time.value:.1f} ms before its commands: {clocks}")
     return tuple(f"{name}: {doubt}" for doubt in found)

@@ -39,16 +39,16 @@ class ExcitationSettings(BaseModel):
     axes: ExcitedAxes = Field(
         default=("all",),
         min_length=1,
-        description="all joints, or those named; what does not move is kept as it is in the neck file",
+        description="all joints, or the named ones; the others keep their values of the neck file",
     )
     duration_s: float = Field(default=24.0, ge=8, le=300, description="Length of the motion of an axis")
     amplitude_deg: float = Field(default=20.0, gt=0, le=90, description="Largest angle from the middle of the motion")
-    seed: int = Field(default=0, ge=0, description="Of the times of the steps and the phases of the sines")
+    seed: int = Field(default=0, ge=0, description="Seed of the times of the steps and the phases of the sines")
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """Commands to send, one a servo period.
+    """Commands to send, one per servo period.
 
     Attributes:
         period_s: Time between two commands, seconds.
@@ -67,8 +67,8 @@ class Excitation:
 def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) -> Excitation:
     """Plan the motion.
 
-    Velocity, acceleration and jerk stay within 0.9 of `NeckSpec.command_limits`, and so does the position once it is
-    inside them; amplitudes are reduced if limits are tight.
+    Velocity, acceleration and jerk stay within 0.9 of `NeckSpec.command_limits`, and so does the position once inside
+    them; amplitudes are reduced if limits are tight.
 
     Args:
         neck: The neck with limits and servo rate.
@@ -125,7 +125,7 @@ def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
 
     Args:
         neck: The neck with limits and servo rate.
-        last_rad: The last three commands, one a servo period, shape (3, N), radians.
+        last_rad: The last three commands, one per servo period, shape (3, N), radians.
 
     Returns:
         The following commands, shape (K, N), radians.
@@ -144,7 +144,7 @@ def _amplitude_rad(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> f
 
 
 def _motion(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> FloatArray:
-    """The motion of one axis around 0, at rest in the beginning and in the end; shape (K,), radians."""
+    """The motion of one axis around 0, at rest at both ends; shape (K,), radians."""
     rng = np.random.default_rng([settings.seed, axis])
     steps = _steps(neck, axis, settings, rng)
     sines = _multisine(neck, axis, settings, rng, round(settings.duration_s * neck.servo_rate_hz) - steps.size)

@@ -1,7 +1,7 @@
-"""Identify a camera that turns at speeds by its own picture: `gazempc identify --robot visca:HOST --source camera:URL`.
+"""Identify a camera with speed commands by its own picture: `gazempc identify --robot visca:HOST --source camera:URL`.
 
-Each speed of the device turns the camera for a while, to one side and back. The picture gives the rotation. Position
-feedback of the device, if available, gives the lens angle and separates dead time from latency.
+Each speed of the device turns the camera for a while, to one side and back. The rotation is estimated from the picture.
+Position feedback of the device, if available, determines the lens angle and separates dead time from latency.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _KEY_SHARE = 0.25
 
 
 @dataclass
-class _Eye:
+class _FrameGrabber:
     """Grey pictures and their stamps, taken by a thread."""
 
     pictures: Any
@@ -75,11 +75,11 @@ class _Eye:
 
 
 @dataclass
-class _Bench:
+class _Pulser:
     """Robot and pictures during the pulses."""
 
     robot: Robot
-    eye: _Eye
+    eye: _FrameGrabber
     clock: RealClock
     _answers: list[tuple[float, FloatArray]] = field(default_factory=list)
 
@@ -113,7 +113,7 @@ class _Bench:
         self.hold(still, off_s + after_s)
         taken, answers = list(self.eye.taken), list(self._answers)
         if not taken:
-            raise IdentificationError(f"no picture came: {self.eye.problem or 'the stream stands still'}")
+            raise IdentificationError(f"no picture was received: {self.eye.problem or 'the stream is stalled'}")
         stamps = np.array([each[0] for each in taken])
         seen = Pulse(step, on_s, off_s, stamps, np.full(stamps.size, np.nan))
         reported = Pulse(step, on_s, off_s, np.array([a[0] for a in answers]), np.array([a[1][axis] for a in answers]))
@@ -187,13 +187,13 @@ def identify_from_picture(
     commanded = _commanded(robot, neck)
     with closing(make_robot(robot, options, commanded, clock, neck.rest_rad, 0)) as ready:
         ready.connect()
-        eye = _Eye(open_pictures(picture_url() if address == EMULATOR else address, camera), clock)
+        eye = _FrameGrabber(open_pictures(picture_url() if address == EMULATOR else address, camera), clock)
         thread = threading.Thread(target=eye.work, name="pictures", daemon=True)
         thread.start()
         try:
             while not eye.taken and not eye.problem:
                 time.sleep(_TICK_S)
-            view_rad, axes = _measured(_Bench(ready, eye, clock), camera, neck, commanded, delay_max_s, progress)
+            view_rad, axes = _measured(_Pulser(ready, eye, clock), camera, neck, commanded, delay_max_s, progress)
         finally:
             eye.closing = True
             eye.pictures.close()
@@ -201,7 +201,7 @@ def identify_from_picture(
     print(turned_table(axes, view_rad[0]))
     for axis in axes:
         if axis.picture.sign < 0:
-            print(f"Warning: {axis.name} turns the other way: the file and the command below are for the changed sign.")
+            print(f"Warning: {axis.name} turns in the opposite direction: file and command have the changed sign.")
     write_whole(out, turned_toml(neck, axes, view_rad, out.stem, origin, datetime.date.today()))
     use = f"--camera.fov-deg {math.degrees(view_rad[0]):.1f} --camera.latency-ms {1e3 * latency_s(axes, camera):.0f}"
     words = f"--robot {robot} --source {source} --neck {out} {use}"
@@ -209,7 +209,7 @@ def identify_from_picture(
 
 
 def _measured(
-    bench: _Bench,
+    executor: _Pulser,
     camera: CameraOptions,
     neck: NeckSpec,
     commanded: NeckSpec,
@@ -220,11 +220,11 @@ def _measured(
     after_s = delay_max_s + 0.5
     # First pass: lens angle, and approximate delay of the picture.
     plans = [_steps(axis) for axis in commanded.axes]
-    # What the file expects of a step, for how long it may last.
-    likely = [_steps(old if old.speed_steps else new) for old, new in zip(neck.axes, commanded.axes, strict=True)]
-    middle = min(max(int(np.searchsorted(likely[0], 0.3 * guess_rad)), 1), len(plans[0]))
-    lasts_s = _lasts_s(likely[0][middle - 1], guess_rad)
-    tried = [bench.pulse(0, way * middle, way * plans[0][middle - 1], lasts_s, after_s) for way in (1, -1)]
+    # Speeds of the steps in the neck file, which determine the durations.
+    nominal = [_steps(old if old.speed_steps else new) for old, new in zip(neck.axes, commanded.axes, strict=True)]
+    middle = min(max(int(np.searchsorted(nominal[0], 0.3 * guess_rad)), 1), len(plans[0]))
+    lasts_s = _lasts_s(nominal[0][middle - 1], guess_rad)
+    tried = [executor.pulse(0, way * middle, way * plans[0][middle - 1], lasts_s, after_s) for way in (1, -1)]
     fov_rad = _fov_rad(tried, guess_rad) or guess_rad
     height, width = tried[0][2][0].shape
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
@@ -236,8 +236,8 @@ def _measured(
         seen, reported = [], []
         for step, speed_rad_s in enumerate(plans[index], start=1):
             for way in (1, -1):
-                lasts_s = _lasts_s(likely[index][step - 1], view_rad)
-                pulse, answers, greys = bench.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
+                lasts_s = _lasts_s(nominal[index][step - 1], view_rad)
+                pulse, answers, greys = executor.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
                 seen.append(_angles(turnings[index], pulse, greys, _KEY_SHARE * view_rad))
                 if answers.time_s.size:
                     reported.append(answers)

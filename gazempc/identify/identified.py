@@ -1,4 +1,4 @@
-"""Results of an identification: table, figure and neck file; of a camera that turns its options, too."""
+"""Results of an identification: table, figure and neck file; and options of a camera with speed commands."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from gazempc.parts import split_address
 from gazempc.results.table import aligned
 from gazempc.robots.options import OnvifOptions, RobotOptions, ViscaOptions
 
-_LOOKS: tuple[dict[str, Any], ...] = (
+_LINE_STYLES: tuple[dict[str, Any], ...] = (
     {"label": "command sent", "color": "0.55", "lw": 1.2, "drawstyle": "steps-post"},
     {"label": "measured", "color": "#E69F00", "lw": 3.6},
     {"label": "fitted model, from the commands alone", "color": "#00405F", "lw": 1.2, "ls": (0, (5, 1.5))},
 )
 _DPI = 110
 _DETAIL_S = 4.0
-# More than two joints do not fit beside each other in a terminal.
-_BESIDE = 2
+# Number of joints side by side in a terminal.
+_JOINTS_PER_TABLE = 2
 
 
 def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
-    """Estimates with 95 % intervals beside the values of the neck file, two joints beside each other.
+    """Estimates with 95 % intervals beside the values of the neck file, two joints per table.
 
     Args:
         estimates: One for each joint that moved.
@@ -43,7 +43,7 @@ def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
     Returns:
         Text of several lines.
     """
-    pairs = (estimates[k : k + _BESIDE] for k in range(0, len(estimates), _BESIDE))
+    pairs = (estimates[k : k + _JOINTS_PER_TABLE] for k in range(0, len(estimates), _JOINTS_PER_TABLE))
     return "\n\n".join(_table(pair, neck) for pair in pairs)
 
 
@@ -66,7 +66,7 @@ def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
         ("offset (deg)", [f"{round(math.degrees(e.offset_rad), 2) + 0.0:.2f}" for e in estimates]),
         ("fit (%)", [f"{e.fit_percent:.2f}" for e in estimates]),
         ("residual RMS (deg)", [f"{e.residual_rms_deg:.3f}" for e in estimates]),
-        ("of it not noise (deg)", [f"{e.structured_rms_deg:.3f}" for e in estimates]),
+        ("of it correlated (deg)", [f"{e.structured_rms_deg:.3f}" for e in estimates]),
         ("readings used", [f"{e.time_s.size}" + f" ({e.misread} misread)" * (e.misread > 0) for e in estimates]),
     ):
         lines.append([label, *(cell for text in texts for cell in (text, ""))])
@@ -112,7 +112,7 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
     Args:
         record: Commands and angles.
         estimates: One for each joint that moved.
-        title: Above the figure.
+        title: Title of the figure.
         path: Picture to write.
     """
     figure = Figure(figsize=(max(6.4, 5.6 * len(estimates)), 7.6), dpi=_DPI, layout="constrained")
@@ -123,10 +123,10 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
         from_s = _busiest_s(e)
         angles_deg = (command_deg, np.rad2deg(e.measured_rad), np.rad2deg(e.model_rad))
         for ax in rows[:2]:
-            for times_s, shown_deg, look in zip(
-                (record.command_time_s, e.time_s, e.time_s), angles_deg, _LOOKS, strict=True
+            for times_s, shown_deg, style in zip(
+                (record.command_time_s, e.time_s, e.time_s), angles_deg, _LINE_STYLES, strict=True
             ):
-                ax.plot(times_s - start_s, shown_deg, **look)
+                ax.plot(times_s - start_s, shown_deg, **style)
             ax.set_ylabel("angle (deg)")
         end_s = float(e.time_s[-1]) - start_s
         rows[0].set(xlim=(0.0, end_s))
@@ -208,7 +208,7 @@ def option_words(robot: str, options: RobotOptions, axes: Sequence[TurnedAxis]) 
 
 
 def latency_s(axes: Sequence[TurnedAxis], camera: CameraOptions) -> float:
-    """Latency of the picture: its delay minus that of position feedback, or the stated one, seconds."""
+    """Latency of the picture: its delay minus the delay of position feedback, or the stated latency, seconds."""
     known = [axis.picture.delay_s.value - axis.answers.delay_s.value for axis in axes if axis.answers is not None]
     return float(np.mean(known)) if known else 1e-3 * camera.latency_ms
 
@@ -220,7 +220,7 @@ def turned_table(axes: Sequence[TurnedAxis], fov_rad: float) -> str:
         picture = axis.picture
         lines.append(f"{axis.name}: delay from command to picture {picture.delay_s.shown(1e3, 1)} ms")
         if axis.answers is not None:
-            lines.append(f"  of it dead time, by the position answers, {axis.answers.delay_s.shown(1e3, 1)} ms")
+            lines.append(f"  of it dead time, by position feedback, {axis.answers.delay_s.shown(1e3, 1)} ms")
         servo = axis.servo
         lines += [
             f"  natural frequency {servo.natural_frequency_rad_s.shown(1.0, 1)} rad/s; sign {picture.sign:+d}",

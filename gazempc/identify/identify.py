@@ -8,11 +8,11 @@ Example: python -m gazempc.identify --robot simulated --out my_neck.toml
 
 Without a robot, from a log already recorded: python -m gazempc.identify --from-log log.npz --out my_neck.toml
 
-A camera that turns at speeds is measured by its own picture; no encoders are needed.
+A camera with speed commands is measured by its own picture, without encoders.
 
 Example: python -m gazempc.identify --robot visca:HOST --source camera:rtsp://HOST/1 --neck my_camera.toml
 
-A tracker is measured from a recording, best of a person who stands still for 30 s; its errors go to a sensor file.
+A tracker is measured from a recording, preferably of a person at rest for 30 s; its errors go to a sensor file.
 
 Example: python -m gazempc.identify --tracker my_bag --out my_tracker.toml
 """
@@ -56,11 +56,11 @@ class IdentifySettings(ExcitationSettings):
     """Settings of `python -m gazempc.identify`."""
 
     robot: RobotChoice | None = Field(
-        default=None, description="Robot to move and measure; module:Class for a robot of your own"
+        default=None, description="Robot to move and measure; module:Class for a user-defined robot"
     )
     options: RobotOptions = RobotOptions()
     source: str | None = Field(
-        default=None, description="Picture of a robot that is a camera with speed commands, camera:URL: measure by it"
+        default=None, description="Picture of a camera with speed commands, camera:URL, by which it is measured"
     )
     camera: CameraOptions = CameraOptions()
     from_log: Path | None = Field(
@@ -69,33 +69,33 @@ class IdentifySettings(ExcitationSettings):
     )
     new: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = Field(
         default=None,
-        description="Instead of measuring: write a first neck file from a data sheet; asks what --sheet.* leaves open",
+        description="Instead of measuring: write a first neck file from --sheet.*; prompts for missing values",
     )
     sheet: DataSheet = DataSheet()
     urdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = Field(
-        default=None, description="Of --new: a URDF in place of the data sheet; needs --eye-frame"
+        default=None, description="With --new: a URDF in place of the data sheet; needs --eye-frame"
     )
-    eye_frame: str | None = Field(default=None, description="Of --urdf: link at the eye, such as the camera's")
+    eye_frame: str | None = Field(default=None, description="With --urdf: link at the eye, such as the camera's")
     pan_joint: str | None = Field(
-        default=None, description="Of --urdf: pan joint; default: the one below the tilt joint"
+        default=None, description="With --urdf: pan joint; default: the one below the tilt joint"
     )
-    tilt_joint: str | None = Field(default=None, description="Of --urdf: tilt joint; default: the nearest to the eye")
+    tilt_joint: str | None = Field(default=None, description="With --urdf: tilt joint; default: the nearest to the eye")
     tracker: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = Field(
         default=None,
         description="Measure a tracker instead, from a table, lines of JSON (.jsonl) or the folder of a ROS 2 bag",
     )
     person: str | None = Field(
-        default=None, description="Of --tracker: whose track, by the tracker's own id; default: the longest"
+        default=None, description="With --tracker: the tracker's id of the person; default: the longest track"
     )
     neck: str | None = Field(
         default=None,
-        description="Neck (name or .toml file) whose limits are kept and copied; default: reference, or the log's own",
+        description="Neck (name or .toml file) with the limits to respect and copy; default: reference, or the log's",
     )
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.toml")] = Field(
         default=Path("identified.toml"),
         description="File to write: a sensor with --tracker, else a neck, with a figure and the record beside it",
     )
-    dead_time_max_s: float = Field(default=1.5, ge=0.1, le=5, description="Largest dead time that is looked for")
+    dead_time_max_s: float = Field(default=1.5, ge=0.1, le=5, description="Upper bound of the dead time")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -129,8 +129,8 @@ def parse(words: Sequence[str]) -> IdentifySettings:
         The settings.
 
     Raises:
-        SettingsError: If there is no such robot, or it does not take an option.
-        SystemExit: If the command line is wrong (status 2) or asks for help (status 0).
+        SettingsError: If there is no such robot, or it does not have an option.
+        SystemExit: If the command line is wrong (status 2) or requests help (status 0).
     """
     words, own = take_options(words, RobotOptions.model_fields)
     found = tyro.cli(
@@ -190,9 +190,9 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
     if settings.from_log is not None:
         _print_latency(settings.from_log)
     if refusals:
-        files = f"\nTo look at: {', '.join(map(str, written))}" if written else ""
+        files = f"\nInspect: {', '.join(map(str, written))}" if written else ""
         reasons = "".join(f"\n  {refusal}" for refusal in refusals)
-        raise IdentificationError(f"no neck file written, the data do not determine the neck:{reasons}{files}")
+        raise IdentificationError(f"no neck file written; the data do not determine the neck:{reasons}{files}")
     text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
     write_whole(settings.out, text)
     _print_margins(load_neck(settings.out))
@@ -214,7 +214,7 @@ def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord,
     neck = load_neck(settings.neck or "reference")
     if neck.takes_speeds or not neck.reports_joints:
         accepted = 'command = "position" and reports_joints = true, or --source camera:URL'
-        raise SettingsError(f"neck {neck.name!r}: to identify it takes angles and encoders; accepted: {accepted}")
+        raise SettingsError(f"neck {neck.name!r}: needs position commands and encoders; accepted: {accepted}")
     taken = _excite(settings, neck, progress)
     taken.save(settings.out.with_suffix(".npz"))
     return taken, neck, f"robot {settings.robot}, neck {neck.name}"
@@ -227,18 +227,18 @@ def _check(settings: IdentifySettings) -> None:
     if [settings.robot, settings.from_log, settings.tracker, settings.new].count(None) != 3:
         raise SettingsError("give one of --robot NAME, --from-log FILE, --tracker FILE and --new FILE")
     if settings.person is not None and settings.tracker is None:
-        raise SettingsError("--person: chooses a track of --tracker FILE, which is not given")
+        raise SettingsError("--person: requires --tracker FILE")
     if settings.sheet != DataSheet() and settings.new is None:
-        raise SettingsError("--sheet: values of a data sheet are for --new FILE, which is not given")
+        raise SettingsError("--sheet: requires --new FILE")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise GazempcError(f"{option} {path}: cannot make its folder: {error.strerror}") from None
+        raise GazempcError(f"{option} {path}: cannot create its folder: {error.strerror}") from None
 
 
 def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> NeckRecord:
     name = settings.robot or "simulated"
-    # A simulated neck runs on any clock: faster than real time.
+    # A simulated neck runs on a simulated clock, faster than real time.
     clock: Clock = SimulatedClock() if keeps_any_clock(ROBOT, name) else RealClock()
     with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
         called(robot.connect)

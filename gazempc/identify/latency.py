@@ -30,13 +30,13 @@ def estimate_latency(
 ) -> Interval:
     """Estimate the delay of observations of a known motion by least squares; invariant to constant offsets.
 
-    The motion may be a person's true track, or the encoder angles of a camera that turns before a fixed target: then
-    `known` is the direction of the target from the encoders.
+    The motion may be a person's true track, or the encoder angles of a camera that rotates in front of a fixed target:
+    then `known` is the direction of the target from the encoders.
 
     Args:
         known_time_s: Times of the known motion, shape (M,), increasing, seconds.
         known: The motion, shape (M, k), any unit; rows with NaN are removed.
-        observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. Arrival times give the
+        observed_time_s: Time stamps of the observations on the same clock, shape (F,), seconds. Arrival times yield the
             total latency, capture times the error of the stamps.
         observed: Observations, shape (F, k), the same unit.
         latency_max_s: Upper bound of the latency, seconds.
@@ -65,8 +65,8 @@ def estimate_latency(
 
     # Coarse scan with separate observations for each latency: a short record has few that are valid for all.
     lags_s = np.arange(_EARLIEST_S, latency_max_s + 1e-9, _SCAN_STEP_S)
-    judged = [(lag_s, used) for lag_s in lags_s if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS]
-    scores = {float(lag_s): float(np.mean(residual(lag_s, used) ** 2)) for lag_s, used in judged}
+    candidates = [(lag_s, used) for lag_s in lags_s if (used := usable(lag_s, lag_s)).sum() >= _FEWEST_OBSERVATIONS]
+    scores = {float(lag_s): float(np.mean(residual(lag_s, used) ** 2)) for lag_s, used in candidates}
     near_s = min(scores, key=scores.__getitem__, default=0.0)
     low_s, high_s = near_s - 3 * _SCAN_STEP_S, near_s + 3 * _SCAN_STEP_S
     used = usable(low_s, high_s)
@@ -79,9 +79,9 @@ def estimate_latency(
     half_s = max(Z_95 * math.sqrt(float(best.covariance[0, 0])), _NARROWEST_S)
     if min(latency_s - low_s, high_s - latency_s) < 1e-6 or near_s in (lags_s[0], lags_s[-1]):
         between = f"none between {_EARLIEST_S:g} and {latency_max_s:g} s"
-        raise _refused(f"{between} makes the observations agree with the motion: check that both are on one clock")
+        raise _refused(f"{between} aligns the observations with the motion: check that both are on one clock")
     if not half_s <= _WIDEST_S:
-        widths = f"only known to +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed"
+        widths = f"uncertain by +-{1e3 * half_s:.0f} ms; +-{1e3 * _WIDEST_S:.0f} ms are needed"
         raise _refused(f"{widths}: record more, and faster, motion")
     return Interval.around(latency_s, half_s)
 

@@ -32,7 +32,7 @@ Answer = TypeVar("Answer")
 
 
 class DataSheet(Settings):
-    """Values of a neck's data sheet; a missing one is asked for."""
+    """Values of a neck's data sheet; missing ones are prompted for."""
 
     pan_deg: tuple[float, float] | None = Field(
         default=None, description="Range of pan, degrees: right end (negative) and left end; straight ahead is 0"
@@ -43,12 +43,10 @@ class DataSheet(Settings):
     speed: str | None = Field(default=None, description=f"Top speed of pan with its unit: {_SPEED_UNITS}")
     head_view_deg: tuple[float, float] | None = Field(
         default=None,
-        description="Field of view of a camera on the head, horizontal and vertical, full angles in degrees; without "
-        "it the sensor is elsewhere. Never asked for",
+        description="Field of view of a camera on the head, horizontal and vertical, full angles in degrees; default: "
+        "no camera on the head. Never prompted for",
     )
-    tilt_speed: str | None = Field(
-        default=None, description="The same of tilt; without it that of pan, where --sheet.speed is given"
-    )
+    tilt_speed: str | None = Field(default=None, description="Top speed of tilt with its unit; default: --sheet.speed")
 
 
 @dataclass(frozen=True)
@@ -93,12 +91,12 @@ def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
         if (way_deg := math.degrees(axis.velocity_max_rad_s * ramp_s)) > range_deg:
             print(
                 f"Warning: {name}: to reach {axis.velocity_max_rad_s:g} rad/s and to stop takes {way_deg:.0f} deg by "
-                f"these rules of thumb; its range is {range_deg:.0f} deg. Is it the motor's speed before its gear? At "
+                f"these rules of thumb; its range is {range_deg:.0f} deg. Is it the motor's speed before the gear? At "
                 f"most {math.radians(range_deg) / ramp_s:.2g} rad/s are of use"
             )
     if urdf is not None:
         print("Options of ROS 2:", *urdf.options)
-    print(f"Written: {path}; what is assumed is marked there")
+    print(f"Written: {path}; assumed values are marked in it")
     print(f"Try it: python -m gazempc.run --replay subject03_R4 --neck {path}")
     print(f"Measure it: python -m gazempc.identify --robot ROBOT --neck {path} --amplitude-deg 8 --out measured.toml")
 
@@ -110,7 +108,7 @@ def neck_file(
     today: datetime.date,
     urdf: UrdfNeck | None = None,
 ) -> str:
-    """The text of the file.
+    """Text of a neck file.
 
     Args:
         name: Name of the neck.
@@ -133,8 +131,8 @@ def neck_file(
     )
     lines = [
         as_toml({"name": name, "source": source}).rstrip(),
-        "control_rate_hz = 50.0              # plans a second",
-        "servo_rate_hz = 200.0               # commands a second; lower it if the robot takes fewer",
+        "control_rate_hz = 50.0              # plans per second",
+        "servo_rate_hz = 200.0               # commands per second; lower it if the robot takes fewer",
         *([] if head_view_deg is None else [f"head_view_deg = {list(head_view_deg)}        # data sheet"]),
         "",
         about,
@@ -190,7 +188,7 @@ def _answer(given: str | None, option: str, question: str, read: Callable[[str],
         try:
             return read(input(question) if given is None else given)
         except EOFError:
-            raise SettingsError(f"no answer: give {option}, or call this in a terminal") from None
+            raise SettingsError(f"no answer: give {option}, or run this command in a terminal") from None
         except ValueError as error:
             if given is not None:
                 raise SettingsError(f"{option}: {error}") from None
@@ -211,10 +209,10 @@ def read_range(text: str) -> tuple[float, float]:
     """
     found = re.fullmatch(rf"\s*({_NUMBER})[\s,;]+({_NUMBER})\s*(?:deg|°)?\s*", text)
     if found is None:
-        raise ValueError(f"{text!r} is no range: needed are two numbers of degrees, such as -80 80")
+        raise ValueError(f"{text!r} is not a range; expected: two numbers of degrees, such as -80 80")
     low, high = sorted(float(end) for end in found.groups())
     if not low <= 0.0 <= high or low == high:
-        raise ValueError(f"{text!r} does not hold 0, which is straight ahead (0 to 180 about 90 is -90 90)")
+        raise ValueError(f"{text!r} does not contain 0, which is straight ahead (0 to 180 about 90 is -90 90)")
     return low, high
 
 
@@ -235,4 +233,4 @@ def read_speed(text: str) -> float:
     number = 0.0 if found is None else float(found[1])
     if number > 0 and unit in (*_SPEEDS, _SECONDS_FOR_60_DEG):
         return number * _SPEEDS[unit] if unit in _SPEEDS else 60.0 * _DEG / number
-    raise ValueError(f"{text!r} is no speed: needed is a number with its unit, {_SPEED_UNITS}")
+    raise ValueError(f"{text!r} is not a speed; expected: a number with its unit, {_SPEED_UNITS}")

@@ -27,7 +27,7 @@ from gazempc.types import FloatArray
 _T = TypeVar("_T")
 # Timeout of readings: without feedback the motion is stopped.
 _SILENCE_S = 0.5
-# Longest delay of a tick: to continue at the previous speed would be a jerk.
+# Longest delay of a tick: continuing at the previous speed would cause a jerk.
 _STALL_S = 0.15
 # Plausibility bound, also of Unix time in seconds.
 _LARGEST = 1e12
@@ -41,7 +41,7 @@ class IdentificationError(GazempcError):
 class NeckRecord:
     """Commands and measured angles of one run, each with its own time stamps.
 
-    Saved as an ``.npz`` file with one array a field; ``numpy.load(path)`` reads it.
+    Saved as an ``.npz`` file with one array per field; ``numpy.load(path)`` reads it.
 
     Attributes:
         about: JSON text: origin, the complete neck, and settings.
@@ -129,7 +129,7 @@ def record(
             # After a late tick the schedule is shifted: skipped commands would cause a step.
             late_s = clock.now_s() - (start_s + tick * excitation.period_s)
             if late_s > _STALL_S:
-                raise RobotError(f"stopped: the computer was held up for {1e3 * late_s:.0f} ms; run less beside it")
+                raise RobotError(f"stopped: a tick was {1e3 * late_s:.0f} ms late; reduce the load of this computer")
             if late_s > excitation.period_s:
                 start_s += late_s
             try:
@@ -147,7 +147,7 @@ def record(
                 sent_rad = numbers("the result of send_command()", sent, (neck.joints,))
             except (GazempcError, OSError, ValueError) as error:
                 done_s = sent_at_s - start_s
-                raise RobotError(f"stopped after {done_s:.1f} s: a command did not get through ({error})") from None
+                raise RobotError(f"stopped after {done_s:.1f} s: a command failed ({error})") from None
             commands.append((sent_at_s, sent_rad))
             if on_tick is not None:
                 on_tick(tick / count)
@@ -204,7 +204,7 @@ def load_record(path: Path | str) -> NeckRecord:
     if all(name in values for name in wanted):
         return _record(path, {name: values[name] for name in wanted})
     log = load_log(path)
-    # The log has one row a tick, with NaN for missing readings.
+    # The log has one row per tick, with NaN for missing readings.
     measured = np.isfinite(log.joint_position_rad).all(axis=1)
     return NeckRecord(
         about=json.dumps({"from": f"log {Path(path).name}", "neck": log.neck.model_dump()}, sort_keys=True),
@@ -233,5 +233,5 @@ def _record(path: Path | str, values: dict[str, Any]) -> NeckRecord:
             shapes = f"{times_s.shape} and {angles_rad.shape}; accepted: (N,) and (N, {joints}), floats"
             raise SettingsError(f"{path}: {side}_time_s and {side}_rad have the shapes {shapes}")
         if not (np.abs(angles_rad) < _LARGEST).all() or not (np.abs(times_s) < _LARGEST).all():
-            raise SettingsError(f"{path}: {side}_time_s or {side}_rad has values that are not finite, or absurd")
+            raise SettingsError(f"{path}: {side}_time_s or {side}_rad has non-finite or implausibly large values")
     return found

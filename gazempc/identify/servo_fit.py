@@ -62,7 +62,7 @@ def fit(
 def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int = 1) -> FloatArray:
     """Covariance of a least-squares estimate whose errors are correlated in time.
 
-    The spectrum of the errors is that of an autoregression fitted to the residuals (den Haan & Levin 1997, "A
+    The spectrum of the errors is modelled by an autoregression fitted to the residuals (den Haan & Levin 1997, "A
     practitioner's guide to robust covariance matrix estimation"). The formula for independent errors is a lower bound:
     spurious correlation must not reduce the covariance.
 
@@ -127,9 +127,9 @@ class ServoModel:
     evaluated at time - d, so d is continuous. The joint is initially at rest at the first command.
 
     Args:
-        command_time_s: When commands were sent, shape (K,), increasing, seconds.
+        command_time_s: Send times of the commands, shape (K,), increasing, seconds.
         command_rad: Commands, each held until the next, shape (K,), radians.
-        time_s: When the joint was measured, shape (N,), increasing, seconds.
+        time_s: Measurement times of the joint, shape (N,), increasing, seconds.
     """
 
     def __init__(self, command_time_s: FloatArray, command_rad: FloatArray, time_s: FloatArray) -> None:

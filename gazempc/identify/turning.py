@@ -240,7 +240,7 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     residuals, speeds = solved(best.values)
     noise_rad = float(np.sqrt(np.mean(best.residual**2)))
     if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([a - a.mean() for *_, a in used]) ** 2))):
-        raise IdentificationError("the picture does not follow the commands: does this camera turn, or the scene?")
+        raise IdentificationError("the picture does not follow the commands: check the camera and the scene")
     found: dict[int, list[tuple[float, float]]] = {}
     for (pulse, time_s, angle_rad), own, speed in zip(used, residuals, speeds, strict=True):
         found.setdefault(pulse.step, []).append(_speed(pulse, time_s, angle_rad, best.values, speed, own))

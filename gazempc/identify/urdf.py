@@ -15,7 +15,7 @@ from gazempc.errors import SettingsError, suggest
 from gazempc.types import FloatArray
 
 _TURNING = ("revolute", "continuous")
-_LEVEL = 0.05  # rad; axes of real robots are drawn exactly
+_LEVEL = 0.05  # rad; axes in robots' URDFs are exact
 _MOST_BYTES = 64_000_000
 
 
@@ -61,8 +61,8 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
     """Read the neck of a robot.
 
     Args:
-        path: The URDF (of a xacro, its output).
-        eye_frame: Link at the eye, such as that of the camera; its orientation is not used.
+        path: The URDF (for a xacro file, its expansion).
+        eye_frame: Link at the eye, such as the camera's; its orientation is not used.
         pan: Name of the pan joint; default: the second revolute joint of the chain from the eye to the root.
         tilt: Name of the tilt joint; default: the first one.
 
@@ -82,7 +82,7 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
     except OSError as error:
         raise SettingsError(f"--urdf {path}: {error.strerror or error}") from None
     except ElementTree.ParseError as error:
-        raise SettingsError(f"--urdf {path}: no XML: {error}; of a xacro file give the output of 'xacro'") from None
+        raise SettingsError(f"--urdf {path}: not valid XML: {error}; expand a xacro file with 'xacro' first") from None
     above = {_link(joint, "child", path): joint for joint in root.iter("joint") if joint.find("child") is not None}
     if eye_frame not in above:
         raise SettingsError(
@@ -96,13 +96,15 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
     names = [str(joint.get("name")) for joint in turning]
     for option, name in (("--pan-joint", pan), ("--tilt-joint", tilt)):
         if name is not None and name not in names:
-            raise SettingsError(f"{option} {name!r}: between root and eye frame turn only {', '.join(names) or 'none'}")
+            raise SettingsError(
+                f"{option} {name!r}: revolute joints between root and eye frame: {', '.join(names) or 'none'}"
+            )
     if len(turning) < 2:
-        raise SettingsError(f"--eye-frame: between it and the root {len(turning)} joints turn, needed are two")
+        raise SettingsError(f"--eye-frame: {len(turning)} revolute joints between it and the root; two are needed")
     tilt_joint = turning[0 if tilt is None else names.index(tilt)]
     pan_joint = turning[min(turning.index(tilt_joint) + 1, len(turning) - 1) if pan is None else names.index(pan)]
     if chain.index(pan_joint) <= chain.index(tilt_joint):
-        raise SettingsError("--pan-joint: it must carry the tilt joint, which must carry the eye")
+        raise SettingsError("--pan-joint: it must be an ancestor of the tilt joint, and the tilt joint of the eye")
     return _neck(chain, pan_joint, tilt_joint, path)
 
 
@@ -115,9 +117,9 @@ def _neck(chain: list[Any], pan_joint: Any, tilt_joint: Any, path: Path) -> Urdf
     pan_axis, tilt_axis = pan_pose[:3, :3] @ _axis(pan_joint), tilt_pose[:3, :3] @ _axis(tilt_joint)
     up = np.array([0.0, 0.0, 1.0])
     if abs(abs(float(pan_axis @ up)) - 1.0) > _LEVEL:
-        raise SettingsError(f"{path}: joint {pan_joint.get('name')} does not turn about its parent link's vertical")
+        raise SettingsError(f"{path}: joint {pan_joint.get('name')} does not rotate about its parent link's vertical")
     if abs(float(tilt_axis @ up)) > _LEVEL:
-        raise SettingsError(f"{path}: joint {tilt_joint.get('name')} does not turn about a horizontal axis")
+        raise SettingsError(f"{path}: joint {tilt_joint.get('name')} does not rotate about a horizontal axis")
     # Left is along the tilt axis, in the direction for which the eye looks forward.
     left = tilt_axis / np.linalg.norm(tilt_axis)
     if np.cross(left, up) @ np.array([1.0, 0.0, 0.0]) < 0.0:

@@ -133,7 +133,7 @@ def numbers(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.shape == shape:
         return np.asarray(value, dtype=np.float64)
     is_what = f"{value.dtype} of shape {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
-    raise ValueError(f"{name} is {is_what}, needed is an array of real numbers of shape {shape}")
+    raise ValueError(f"{name} is {is_what}, expected an array of real numbers of shape {shape}")
 
 
 def checked_times(wanted_s: object, start_s: float) -> FloatArray:
@@ -153,7 +153,7 @@ def checked_times(wanted_s: object, start_s: float) -> FloatArray:
     numbers("the array of times", times_s, (times_s.size,))
     if not 0 < times_s.size <= _MOST_TIMES or not np.abs(times_s - start_s).max() <= _ANY_HORIZON_S:
         raise ValueError(
-            f"{times_s.size} times, needed are 1 to {_MOST_TIMES}, finite and within {_ANY_HORIZON_S:g} s of the plan"
+            f"{times_s.size} times, expected 1 to {_MOST_TIMES}, finite and within {_ANY_HORIZON_S:g} s of the plan"
         )
     return times_s.astype(np.float64)
 
@@ -173,7 +173,7 @@ def checked_forecast(forecast: object, times: int) -> Forecast:
         ValueError: If shapes or values are invalid.
     """
     if not isinstance(forecast, Forecast):
-        raise TypeError(f"forecast() returned {type(forecast).__name__}, needed is a Forecast")
+        raise TypeError(f"forecast() returned {type(forecast).__name__}, expected a Forecast")
     if np.size(forecast.times_s) != times:
         raise ValueError(f"forecast() returned {np.size(forecast.times_s)} times, asked for were {times}")
     means_m = numbers("means_base_m", forecast.means_base_m, (times, 3))
@@ -202,12 +202,12 @@ def checked_plan(plan: object, joints: int) -> Plan:
         ControllerError: If a number is not finite or implausible for a neck; with the event.
     """
     if not isinstance(plan, Plan):
-        raise TypeError(f"plan() returned {type(plan).__name__}, needed is a Plan")
+        raise TypeError(f"plan() returned {type(plan).__name__}, expected a Plan")
     shape = (len(plan.position_rad), joints)
     for name in ("position_rad", "velocity_rad_s", "acceleration_rad_s2"):
         numbers(name, getattr(plan, name), shape)
     if not all(isinstance(each, tuple | list) for each in (plan.events, plan.faults)):
-        raise ValueError(f"events and faults are {plan.events!r} and {plan.faults!r}, needed are tuples")
+        raise ValueError(f"events and faults are {plan.events!r} and {plan.faults!r}, expected tuples")
     if not plan.is_finite():
         raise ControllerError("plan() returned numbers that are not finite", Event.PLAN_NOT_FINITE)
     angle_rad, speed_rad_s = (float(np.abs(each).max()) for each in (plan.position_rad, plan.velocity_rad_s))

@@ -101,9 +101,7 @@ class Sender:
         # False for NaN.
         within = (self._low_rad <= sent) & (sent <= self._high_rad)
         if not (within | self._neck.speed_joints & np.isfinite(sent)).all():
-            raise ValueError(
-                f"send_command() returned {sent}, needed are angles within the range of each joint, radians"
-            )
+            raise ValueError(f"send_command() returned {sent}, expected angles within the range of each joint, radians")
         return sent
 
     def _note(self, got_through: bool) -> FloatArray:

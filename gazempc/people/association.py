@@ -101,7 +101,7 @@ class Motion:
         """Kalman update with measured positions.
 
         Args:
-            measured_m: One position a person, shape (N, 3), metres.
+            measured_m: One position per person, shape (N, 3), metres.
             noise_m2: Covariances of their errors, shape (N, 3, 3).
 
         Returns:

@@ -57,17 +57,17 @@ class Attended:
 
 
 class Attention:
-    """Chooses the person at whom the robot looks.
+    """Selects the attended person.
 
     A switch has two conditions: the other person has had the higher score for `hysteresis_s` without a break, and the
-    attended person has been attended for `dwell_s`. The departure of the attended person causes a switch at once.
+    attended person has been attended for `dwell_s`. The departure of the attended person causes an immediate switch.
 
     Args:
-        policy: Scores the people.
+        policy: Scoring of the people.
         settings: Times and distances.
 
     Attributes:
-        policy: Scores the people.
+        policy: Scoring of the people.
         attended: The attended person.
         candidate: Number of the person with a higher score than the attended one; None if there is none.
         chosen_id: The tracker's name of a person with precedence over all others while present; None for none.
@@ -86,7 +86,7 @@ class Attention:
 
     @property
     def dwell_s(self) -> float:
-        """Dwell time: minimum time at a person who stays, seconds."""
+        """Dwell time: minimum duration of attention to a present person, seconds."""
         return self._settings.dwell_s
 
     def hear(self, sound: Sound) -> None:
@@ -98,7 +98,7 @@ class Attention:
         self._sounds.append(sound)
 
     def update(self, people: Sequence[PersonState], time_s: float) -> Attended:
-        """Decide.
+        """Update the attended person.
 
         Args:
             people: All people present.
@@ -141,9 +141,9 @@ class Attention:
         scores = [float(score) for score in self.policy.scores(company)] if company.people else []
         if len(scores) != len(company.people):
             raise ValueError(f"scores() returned {len(scores)} numbers for {len(company.people)} people")
-        judged = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
-        most = max((score for score, _ in judged), default=math.nan)
-        best = [number for score, number in judged if score == most]
+        scored = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
+        most = max((score for score, _ in scored), default=math.nan)
+        best = [number for score, number in scored if score == most]
         # Equal scores keep the attended person.
         return company.attended if company.attended in best else min(best, default=None)
 

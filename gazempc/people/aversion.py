@@ -126,7 +126,7 @@ def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> F
         shift: Timing of its shifts.
 
     Returns:
-        The forecast, with means moved during the aversion; its covariances are those of the person.
+        The forecast, with shifted means during the aversion, and the person's covariances.
     """
     since_s = (forecast.times_s - aversion.start_s + shift.leaves_after_s) / shift.lasts_s
     until_s = (aversion.end_s + shift.leaves_after_s - forecast.times_s) / shift.lasts_s

@@ -30,7 +30,7 @@ class Sound:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.time_s) and math.isfinite(self.azimuth_rad)):
-            raise ValueError(f"a sound has time_s {self.time_s} and azimuth_rad {self.azimuth_rad}: needed are numbers")
+            raise ValueError(f"a sound has time_s {self.time_s} and azimuth_rad {self.azimuth_rad}; expected: finite")
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class AttentionPolicy(Protocol):
             company: The people.
 
         Returns:
-            One score a person, in the order of `company.people`: the largest is attended; NaN excludes a person.
+            One score per person, in the order of `company.people`: the largest is attended; NaN excludes a person.
         """
         ...
 

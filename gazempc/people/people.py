@@ -19,7 +19,7 @@ from predictors import Forecast, HeadObservation, Predictor
 _CONFIRMED_BY = 3
 # Timeout of a tentative track that has missed a frame.
 _TENTATIVE_S = 0.3
-# Detections within this distance, less than that of two heads, are duplicates of one person.
+# Detections within this distance, less than between two heads, are duplicates of one person.
 _ONE_PERSON_M = 0.25
 # Reachability gate of re-identification by name: speed and position error.
 _RETURN_SPEED_M_S, _RETURN_ERROR_M = 2.0, 0.5
@@ -49,7 +49,7 @@ def frames_of(sightings: Sequence[Sighting]) -> Iterator[tuple[Sighting, ...]]:
         sightings: The sightings, in any order.
 
     Yields:
-        Those of one instant, within 10 ms; the oldest first.
+        Sightings of one instant, within 10 ms; the oldest first.
     """
     frame: list[Sighting] = []
     for sighting in sorted(sightings, key=lambda each: each.observation.capture_time_s):
@@ -65,7 +65,7 @@ class People:
     """Keeps a track of each person.
 
     Detections of one instant are assigned to the predicted positions. A track without a detection coasts. After
-    `coast_s` the person counts as absent, and may be re-identified.
+    `coast_s` the person is considered absent, and may be re-identified.
 
     Args:
         make_predictor: Factory of a predictor for each person.
@@ -235,7 +235,7 @@ def middle_of(forecasts: Sequence[Forecast]) -> Forecast:
     """Centre of the angular bounding box of several people.
 
     Args:
-        forecasts: One a person, for the same times.
+        forecasts: One per person, for the same times.
 
     Returns:
         Midpoints of the ranges of pan and of tilt, at the mean distance; all else from the first forecast.

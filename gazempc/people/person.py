@@ -19,11 +19,11 @@ ONE_FRAME_S = 0.01
 # Length of the buffer of frames: older ones do not improve a forecast. Only the attended person is
 # forecast; the predictors of the others are updated lazily.
 _MEMORY_S = 1.5
-# Buffered sightings processed a frame: empties the buffer within half a second at 30 frames a second.
+# Buffered sightings processed per frame: empties the buffer within half a second at 30 Hz.
 CATCH_UP = 3
 # Assumed covariance if a tracker states none; includes drift with posture.
 _POSITION_NOISE_M2 = 0.03**2 * np.eye(3)
-# Maximum age of an orientation: the time in which a head turns away.
+# Maximum age of an orientation: a head turns away in this time.
 _ORIENTATION_LASTS_S = 0.5
 
 
@@ -73,7 +73,7 @@ class TrackedPerson:
         seen_s: Its capture time, seconds.
         since_s: Capture time of the first one, seconds.
         sightings: Number of sightings.
-        confirmed: Whether the track is confirmed: no single false detection.
+        confirmed: Whether the track is confirmed, and not a single false detection.
         start: Orders the predictor's observations, and clamps its forecasts to the reach of the person.
         jumped: Whether the orientation of the last sighting is a jump, the first one for a second; it is not used.
     """
@@ -147,7 +147,7 @@ class TrackedPerson:
         return self._predictor.forecast(times_s)
 
     def catch_up(self, most: int) -> None:
-        """Update the predictor with buffered sightings, a few a frame: all at once takes milliseconds.
+        """Update the predictor with buffered sightings, a few per frame: processing all takes milliseconds.
 
         Args:
             most: Maximum number of sightings, the oldest first.
@@ -161,7 +161,7 @@ class TrackedPerson:
 
     @property
     def refused(self) -> bool:
-        """Whether the predictor has refused its last sighting."""
+        """Whether the predictor rejected its last sighting."""
         return bool(getattr(self._predictor, "rejections_in_a_row", 0))
 
     def begin_anew(self) -> None:

@@ -117,7 +117,7 @@ def closing_m_s(person: PersonState) -> float:
 
 
 def make_policy(choice: str | AttentionPolicy, options: dict[str, Any]) -> AttentionPolicy:
-    """Make a policy.
+    """Construct a policy.
 
     Args:
         choice: A shipped name, ``id:NAME``, ``module:Class``, or a policy.

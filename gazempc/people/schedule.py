@@ -58,7 +58,7 @@ class LookAways:
     Args:
         neck: The neck.
         mode: The rhythm; ``told`` for requests only.
-        seed: Seed of times and directions: the same seed and the same times of calls give the same schedule.
+        seed: Seed of times and directions: the schedule is a function of the seed and the times of calls.
 
     Attributes:
         left_out: Number of aversions that were infeasible, or in conflict with one that had begun.

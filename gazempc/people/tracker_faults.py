@@ -14,7 +14,7 @@ from predictors.geometry import wrap_rad, yaw_rad
 
 _FROZEN_AFTER_S = 0.5
 # Minimum speed over the last quarter of a second before a frozen position: braking takes a person half a second. A
-# person who slows down first, as simulated people without noise do, counts as standing.
+# person who slows down first, as simulated people without noise do, is classified as standing.
 _WALKED_M_S = 0.5
 _WALKED_OVER_S = 0.25
 _LONGEST_STEP_S = 1.0
@@ -67,7 +67,7 @@ class FrozenTracker:
         observation = sighting.observation
         time_s = observation.capture_time_s
         if time_s <= self.newest_s:
-            return False  # the predictor refuses observations out of order
+            return False  # the predictor rejects observations out of order
         position = _position_of(sighting)
         if position == self._position:
             self.newest_s = time_s
@@ -89,7 +89,7 @@ class FrozenTracker:
         return self.frozen and _position_of(sighting) == self._position
 
     def _speed_m_s(self, time_s: float, head_base_m: FloatArray) -> float:
-        """Mean speed over the last quarter of a second, or since the previous frame if that is longer ago."""
+        """Mean speed over the last quarter of a second, or since the previous frame, if that is earlier."""
         while len(self._path) > 1 and self._path[1][0] <= time_s - _WALKED_OVER_S:
             self._path.popleft()
         self._path.append((time_s, head_base_m))
@@ -122,7 +122,7 @@ class FrozenPeople:
             Whether the tracker is frozen, and whether it has resumed after it was frozen.
         """
         time_s = sighting.observation.capture_time_s
-        # Entries older than this belong to another standstill.
+        # Older entries are from another standstill.
         self._trackers = {
             n: each for n, each in self._trackers.items() if n == number or time_s - each.newest_s <= _LONGEST_STEP_S
         }
@@ -140,9 +140,9 @@ class OrientationJumps:
         self._yaws_rad: dict[str, float] = {}
 
     def without(self, observation: HeadObservation) -> tuple[HeadObservation, bool]:
-        """Compare the yaws of head and pelvis with those of the previous frame, used or not.
+        """Compare the yaws of head and pelvis with the previous frame's, used or not.
 
-        So a lasting reversal removes one frame, and an alternating one all frames.
+        A permanent reversal thus removes one frame, and an alternating one all frames.
 
         Args:
             observation: The observation.
@@ -153,7 +153,7 @@ class OrientationJumps:
         """
         time_s = observation.capture_time_s
         if time_s <= self._time_s:
-            return observation, False  # the predictor refuses observations out of order
+            return observation, False  # the predictor rejects observations out of order
         seen = {"head_quat_wxyz": observation.head_quat_wxyz, "pelvis_quat_wxyz": observation.pelvis_quat_wxyz}
         yaws_rad = {name: yaw_rad(quat) for name, quat in seen.items() if quat is not None}
         jumped: list[str] = []
@@ -193,7 +193,7 @@ class TrackStart:
     """Updates one predictor; reorders the first 0.3 s of a track by capture time.
 
     A late observation in this period resets the predictor, which then processes all of them again; so the track may
-    begin before the observation that arrived first. Observations in order are passed on at once.
+    begin before the observation that arrived first. Observations in order are passed on without delay.
 
     Forecasts are clamped to 0.3 m plus 3 m/s from the last position; for the first 0.3 s and six frames of a sensor
     that states its confidence, to the last position.
@@ -204,9 +204,9 @@ class TrackStart:
 
     def __init__(self, predictor: Predictor) -> None:
         self._predictor = predictor
-        self._forget()
+        self._clear()
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._first: list[HeadObservation] = []
         self._newest_s = 0.0
         self._frames = 0
@@ -215,7 +215,7 @@ class TrackStart:
     def reset(self) -> None:
         """Discard the track, and reset the predictor."""
         self._predictor.reset()
-        self._forget()
+        self._clear()
 
     def update(self, observation: HeadObservation) -> None:
         """Update the predictor with one observation.

@@ -1,1 +1,1 @@
-"""Recorded walks: read, generated, placed beside a robot; the true head. May import gazempc.files."""
+"""Recorded walks: readers, synthetic walks, placement of the robot, true head position. May import gazempc.files."""

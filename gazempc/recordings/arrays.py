@@ -1,4 +1,4 @@
-"""A recording from arrays that a program holds."""
+"""Recordings from arrays in memory."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ def recording_from_arrays(
     pelvis_quat_wxyz: ArrayLike | None = None,
     in_base_frame: bool = False,
 ) -> Recording:
-    """Make a recording of arrays, for `gazempc.replay`.
+    """Build a recording from arrays, for `gazempc.replay`.
 
     Args:
         name: Name of the recording; the subject is its part up to the first underscore.
         times_s: Capture times, shape (N,), seconds, increasing.
-        head_position_m: The head's true positions, shape (N, 3), metres, z up.
-        head_quat_wxyz: Orientations of the head, shape (N, 4), or (4,) for all; the identity faces +x. Without
-            them they are not known, and no sensor sees them.
-        pelvis_position_m: Positions of the pelvis, shape (N, 3), metres. Optional, too.
-        pelvis_quat_wxyz: Orientations of the pelvis, as those of the head.
-        in_base_frame: Whether the frame's origin is the robot's sensor, x forward, y left. Without it the frame's floor
-            is z = 0, and `gazempc.replay` places the robot beside the walk.
+        head_position_m: True positions of the head, shape (N, 3), metres, z up.
+        head_quat_wxyz: Orientations of the head, shape (N, 4), or (4,) if constant; the identity faces +x. Default:
+            unknown, and not measured by simulated sensors.
+        pelvis_position_m: Positions of the pelvis, shape (N, 3), metres; default: unknown.
+        pelvis_quat_wxyz: Orientations of the pelvis, as `head_quat_wxyz`.
+        in_base_frame: Whether the frame's origin is the robot's sensor, x forward, y left. Otherwise the floor is z =
+            0, and `gazempc.replay` places the robot beside the walk.
 
     Returns:
         The recording.
 
     Raises:
         RecordingError: If a shape is wrong, a value is not finite, times do not increase, times or positions are in
-            another unit, or a quaternion is not of unit length; names the array, the row and what is accepted.
+            another unit, or a quaternion is not of unit length; names the array, the row and the accepted values.
     """
     times = _array(name, "times_s", times_s, ("N",))
     head_m = _array(name, "head_position_m", head_position_m, (times.size, 3))
@@ -72,7 +72,7 @@ def _array(name: str, field: str, value: ArrayLike, shape: tuple[int | str, ...]
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise RecordingError(name, field, "these are no numbers", accepted) from None
+        raise RecordingError(name, field, "its values are not numbers", accepted) from None
     fits = array.ndim == len(shape) and all(n in ("N", size) for n, size in zip(shape, array.shape, strict=True))
     if not fits:
         raise RecordingError(name, field, f"its shape is {array.shape}", accepted)

@@ -1,4 +1,4 @@
-"""Load a recording by its name in the synthetic data set or by its path; or several people of one scene."""
+"""Loading of recordings by synthetic name or by path, of one person or of all people of a scene."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _READERS: dict[str, Reader] = {
     ".bvh": read_bvh,
     **dict.fromkeys(FILE_ENDINGS, read_bag),
 }
-# Of a folder, these files are recordings. Other text is not taken for a table where a whole folder is meant.
+# Endings of recordings in a folder; .txt files of a folder may have other content.
 ENDINGS_IN_FOLDERS = tuple(ending for ending in _READERS if ending not in (".txt", *FILE_ENDINGS))
 
 
 def is_recording_folder(path: Path) -> bool:
-    """Whether a folder is itself one recording: a ROS 2 bag, or OpenPose's files."""
+    """Whether a folder is one recording: a ROS 2 bag, or OpenPose's files."""
     bag = (path / "metadata.yaml").is_file() or any(p.suffix in FILE_ENDINGS for p in path.iterdir())
     return bag or is_openpose_folder(path)
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file or folder inside a folder is one of its recordings, by its ending; of .json also by its content.
+    """Whether an entry of a folder is a recording, by its ending, and for .json also by its content.
 
     Args:
         path: The file or folder.
@@ -55,19 +55,20 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     Args:
         name_or_path: A synthetic name (``subject01_R1`` to ``subject14_R6``, ``subject01_stand`` to
             ``subject14_stop``) or a path. Files are tables (.csv, .tsv,
-            .txt, .parquet, .mvnx), Azure Kinect body tracking (.json) or .bvh. Folders are ROS 2 bags or of OpenPose.
+            .txt, .parquet, .mvnx), Azure Kinect body tracking (.json) or .bvh. Folders are ROS 2 bags or OpenPose
+            output.
         options: Options of the readers; default: none.
 
     Returns:
         The recording.
 
     Raises:
-        RecordingError: If there is no such recording or its file is wrong.
+        RecordingError: If there is no such recording or its file is invalid.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     accepted = f"a file ending in {', '.join(_READERS)}, or the folder of a ROS 2 bag or of OpenPose"
     if not isinstance(name_or_path, str | Path):
-        raise RecordingError(repr(name_or_path)[:80], "", "no name and no path", f"{accepted}, or a synthetic name")
+        raise RecordingError(repr(name_or_path)[:80], "", "not a name or a path", f"{accepted}, or a synthetic name")
     name, path = str(name_or_path), Path(name_or_path)
     walks, everyday = synthetic_names(), everyday_names()
     if name in walks:
@@ -76,7 +77,7 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         return generate_everyday(name)
     try:
         is_directory, exists = path.is_dir(), path.exists()
-    except (OSError, ValueError) as error:  # such as a name longer than the system allows, or with a zero in it
+    except (OSError, ValueError) as error:  # such as a name that is too long or contains a NUL character
         raise RecordingError(ascii(name), "", f"cannot be opened: {error}", accepted) from None
     reader = _READERS.get(path.suffix.lower())
     if not exists:
@@ -86,8 +87,8 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
     if is_directory:
         reader = read_table if is_openpose_folder(path) else read_bag if is_recording_folder(path) else None
     if reader is None:
-        problem = "this is a directory, and neither a ROS 2 bag nor OpenPose's"
-        raise RecordingError(name, "", problem if is_directory else f"unknown kind of file {path.suffix!r}", accepted)
+        problem = "this folder is neither a ROS 2 bag nor OpenPose output"
+        raise RecordingError(name, "", problem if is_directory else f"unknown file type {path.suffix!r}", accepted)
     try:
         if is_directory:
             check_folder(path)
@@ -111,14 +112,14 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
 
     Args:
         words: Names or paths joined by ``+``, such as ``subject03_R4+subject05_R1``; a ROS 2 bag with several people;
-            or a folder of recordings, which are taken to begin together.
+            or a folder of recordings, whose start times are taken as equal.
         options: Options of the readers.
 
     Returns:
-        A recording a person, on one clock.
+        One recording per person, on one clock.
 
     Raises:
-        RecordingError: If there is no such recording, a file is wrong, or the folder is empty.
+        RecordingError: If there is no such recording, a file is invalid, or the folder is empty.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     given = options or ReadOptions()
@@ -126,7 +127,7 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
     if path.is_dir() and not is_recording_folder(path):
         files = sorted(p for p in path.iterdir() if p.is_file() and (is_recording(p) or p.suffix == ".txt"))
         if not files:
-            raise RecordingError(str(path), "", "no recordings in this folder", "recordings, one a person")
+            raise RecordingError(str(path), "", "no recordings in this folder", "recordings, one per person")
         return tuple(load(file, given) for file in files)
     if path.exists() and given.person is None and (path.is_dir() or path.suffix in FILE_ENDINGS):
         return read_bag_people(path, given)

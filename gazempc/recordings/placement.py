@@ -21,7 +21,7 @@ _STANDING_M = 0.1
 
 
 def place(recording: Recording, placement: Placement, distance_m: float, height_m: float) -> Recording:
-    """Put a robot into a recording.
+    """Transform a recording to the base frame of a robot.
 
     With ``recorded`` the recording's frame is the robot's base frame: the robot stands where the sensor stood, or, if
     there was no sensor, at the origin.
@@ -30,7 +30,7 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
 
     Args:
         recording: Any recording.
-        placement: Where the robot stands.
+        placement: Placement of the robot.
         distance_m: Distance of ``side`` from the mean head position, metres.
         height_m: Height of ``side`` above the recording's floor (z = 0), metres.
 
@@ -38,8 +38,7 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
         The same recording with positions and orientations in the base frame, and time starting at 0.
 
     Raises:
-        PlacementError: If the head comes nearer than 0.8 m horizontally to a robot that was not there when the
-            recording was made.
+        PlacementError: If the head comes within 0.8 m (horizontally) of a robot that was absent from the recording.
     """
     return place_together((recording,), placement, distance_m, height_m)[0]
 
@@ -47,16 +46,16 @@ def place(recording: Recording, placement: Placement, distance_m: float, height_
 def place_together(
     recordings: Sequence[Recording], placement: Placement, distance_m: float, height_m: float
 ) -> tuple[Recording, ...]:
-    """Put a robot among several people in one frame and on one clock; see `place`.
+    """Transform recordings in one frame and on one clock to the base frame of a robot; see `place`.
 
     Args:
-        recordings: A recording a person.
-        placement: Where the robot stands; ``side`` is beside the first one.
+        recordings: One recording per person.
+        placement: Placement of the robot; ``side`` is beside the first one.
         distance_m: As in `place`.
         height_m: As in `place`.
 
     Returns:
-        The recordings in the base frame; time starts at 0 where the earliest begins.
+        The recordings in the base frame; time 0 is the start of the earliest.
 
     Raises:
         PlacementError: As in `place`.
@@ -108,7 +107,7 @@ def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArra
 
 
 def _facing(track: Track) -> FloatArray:
-    """Horizontal direction of the first face; +x where it is unknown or vertical."""
+    """Horizontal direction of the first face; +x if it is unknown or vertical."""
     known = np.isfinite(track.head_quat_wxyz).all(axis=1)
     if known.any():
         forward = Rotation.from_quat(track.head_quat_wxyz[known][0], scalar_first=True).apply([1.0, 0.0, 0.0])[:2]

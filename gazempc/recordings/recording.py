@@ -1,4 +1,4 @@
-"""The values of a recording: tracks of head and pelvis, labels, and turns of their orientations."""
+"""Recordings: tracks of head and pelvis, labels, and rotations of orientations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.types import BoolArray, FloatArray
 
-_NO_TURN = Rotation.identity()
+_IDENTITY = Rotation.identity()
 DataKind = Literal["synthetic", "motion capture", "body tracking", "tracked"]
 
 
@@ -20,9 +20,9 @@ DataKind = Literal["synthetic", "motion capture", "body tracking", "tracked"]
 class Track:
     """Poses of head and pelvis at the recording's capture times.
 
-    Where the person was seen, the head's position is known. The other parts are optional: a row of NaN: this part is
-    unknown in this frame. The frame of reference is the recording's own: metres, z up, right-handed; the identity
-    quaternion faces +x with +y to the person's left.
+    Where the person was seen, the head's position is known. The other parts are optional; a row of NaN marks an unknown
+    part. The frame of reference is the recording's own: metres, z up, right-handed; the identity quaternion faces +x
+    with +y to the person's left.
 
     Attributes:
         head_position_m: Shape (N, 3), metres; NaN where the person was not seen.
@@ -42,7 +42,7 @@ class Track:
         return np.asarray(np.isfinite(self.head_position_m).all(axis=1))
 
     def rows(self, chosen: BoolArray) -> Track:
-        """The rows that a mask of shape (N,) chooses."""
+        """The rows selected by a mask of shape (N,)."""
         return Track(*(values[chosen] for values in vars(self).values()))
 
     @property
@@ -52,14 +52,14 @@ class Track:
 
 
 def quats_of(values: FloatArray, rotation: Callable[[FloatArray], Rotation]) -> FloatArray:
-    """Orientations made of the rows of an array.
+    """Quaternions from the rows of an array.
 
     Args:
         values: Shape (N, C).
-        rotation: Makes M rotations of M rows.
+        rotation: Converts M rows to M rotations.
 
     Returns:
-        Quaternions w, x, y, z, shape (N, 4); NaN where a row holds a number that is not finite.
+        Quaternions w, x, y, z, shape (N, 4); NaN for rows with a non-finite number.
     """
     known = np.isfinite(values).all(axis=1)
     result = np.full((len(values), 4), np.nan)
@@ -68,13 +68,13 @@ def quats_of(values: FloatArray, rotation: Callable[[FloatArray], Rotation]) -> 
     return result
 
 
-def composed(quats_wxyz: FloatArray, last: Rotation | None = None, first: Rotation = _NO_TURN) -> FloatArray:
-    """Orientations with a turn of the frame before and a turn of the body behind each.
+def composed(quats_wxyz: FloatArray, last: Rotation | None = None, first: Rotation = _IDENTITY) -> FloatArray:
+    """Orientations ``first * q * last``.
 
     Args:
         quats_wxyz: Unit quaternions, shape (N, 4); NaN if unknown.
-        last: Turn of the body's own axes; None for no turn.
-        first: Turn of the frame, one or N.
+        last: Rotation of the body's own axes; None: identity.
+        first: Rotation of the frame, one or N.
 
     Returns:
         Shape (N, 4); NaN if unknown.
@@ -90,7 +90,7 @@ def composed(quats_wxyz: FloatArray, last: Rotation | None = None, first: Rotati
 
 
 def turned(quats_wxyz: FloatArray, yaws_rad: ArrayLike) -> FloatArray:
-    """Orientations turned about the vertical.
+    """Orientations rotated about the vertical.
 
     Args:
         quats_wxyz: Unit quaternions, shape (N, 4); NaN if unknown.
@@ -110,8 +110,8 @@ class Labels:
     Attributes:
         subject: The person; by default the name up to the first underscore.
         group: Route group such as ``straight``, ``turn``, ``sharp``, or None if unknown.
-        description: Free text for people.
-        activity: What the person does, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None if unknown.
+        description: Free text.
+        activity: Activity of the person, such as ``moving``, ``starting``, ``stopping``, ``waiting``; None if unknown.
     """
 
     subject: str
@@ -135,7 +135,7 @@ class Recording:
         has_robot: True if the origin of the frame is the robot's sensor (x forward, y left, z up). Then the robot can
             stand where the sensor stood.
         labels: Subject, group, description and activity.
-        notes: Remarks of the reader on what it found, inferred and left out, a line each.
+        notes: Notes of the reader on inferred and omitted data, one line each.
         delays_s: From capture to arrival, shape (N,), seconds; None if unknown.
     """
 
@@ -152,13 +152,13 @@ class Recording:
 
 
 def truth_of(kind: str) -> str:
-    """The truth of a kind of recording, in words.
+    """Description of the truth for a kind of recording.
 
     Args:
         kind: Kind of a recording or of a run.
 
     Returns:
-        Words to follow "against"; empty where the true motion itself is known, or no person is recorded.
+        Text after "against"; empty if the true motion itself is known, or no person is recorded.
     """
     # The track is the only measurement.
     return "the tracker's own track, smoothed without lag" if kind in ("tracked", "body tracking") else ""

@@ -11,13 +11,13 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Longest gap in which the interpolated position is scored; longer ones are bridged but not scored.
 _LONGEST_GAP_S = 0.2
-# Half a servo period, in which a head moves by 4 mm at most: each frame has its tick at any rate.
+# Half a servo period, in which a head moves by 4 mm at most; each frame then has a tick at any rate.
 _ON_A_FRAME_S = 0.0025
 _ROUNDING_S = 1e-6
 
 
 def stretches(recording: Recording) -> list[IntArray]:
-    """Frames of each stretch in which the person was seen without a gap of more than 0.2 s."""
+    """Indices of the valid frames in each interval without a gap of more than 0.2 s."""
     seen = np.flatnonzero(recording.truth.valid)
     return np.split(seen, np.flatnonzero(np.diff(recording.times_s[seen]) > _LONGEST_GAP_S) + 1)
 

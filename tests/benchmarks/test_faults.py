@@ -16,7 +16,7 @@ def test_the_short_table_counts_commands_intervals_and_reasons(tmp_path, capsys)
     assert not any(row["outside_limits"] or row["ended"] or row["log_lost"] for row in rows)
     assert ahead["used"] > 0.8 * ahead["observations"]
     assert ahead["gaze_error_rms_deg"] < 3.0
-    # Hundreds of commands on any loaded machine; the benchmark itself judges their intervals.
+    # Hundreds of commands on any loaded machine; the benchmark itself evaluates their intervals.
     assert stranger["commands"] > 100
     assert stranger["gap_max_ms"] >= 5.0
     assert stranger["machine_gap_ms"] >= 5.0

@@ -1,4 +1,4 @@
-"""The lower bound on gaze error under limits, against controllers that keep the limits."""
+"""The lower bound on gaze error under limits, compared with controllers within the limits."""
 
 import csv
 import json

@@ -65,7 +65,7 @@ def test_intervals_are_over_people_and_use_paired_clips_only(tmp_path):
     ("rows", "message"),
     [
         ([("mpc", 0, "a", "ann", "sharp", "slow", 1.0, "x", 0.5)], "row 2: could not convert"),
-        ([("mpc", 0, "a", "ann", "sharp", "slow", 1.0, 1.0, 0.5)], "no case 'lookahead'; there are mpc"),
+        ([("mpc", 0, "a", "ann", "sharp", "slow", 1.0, 1.0, 0.5)], "no case 'lookahead'; accepted: mpc"),
         ([], "is empty"),
     ],
 )
@@ -122,7 +122,7 @@ def test_gap_closed_summary_and_differences_by_hand():
 
 
 def test_rows_by_sensor_and_by_kind_by_hand():
-    """Rows by kind are of all groups and the other way round; a clip without a kind counts in `all` only."""
+    """Rows by kind include all groups, and rows by group all kinds; a clip without a kind is in `all` only."""
     figures = {("near", "a"): 1.0, ("near", "b"): 2.0, ("near", "c"): 6.0, ("far", "a"): 10.0, ("far", "b"): 30.0}
     kinds = {"a": "waiting", "b": "moving", "c": None}
     rows = [row(clip, "mpc", rms, clip, sensor=s, kind=kinds[clip]) for (s, clip), rms in figures.items()]

@@ -39,7 +39,7 @@ MOST_S = 2.0
 MOST_CHARACTERS = 3000
 # Kinds that take ten times as long as the others to read.
 COSTLY = ("echo", "openpose", "sqlite3", "mcap", "metadata", "sweep")
-# Tokens of the damage: numbers, marks and bytes that often break parsers.
+# Inserted tokens: numbers, marks and bytes that often break parsers.
 _TOKENS = (
     b"nan", b"inf", b"-inf", b"1e6", b"1e300", b"-1", b"0", b"", b"null", b"true", b"9" * 5000, b"0x" + b"f" * 5000,
     b"1e999999999", b"[" * 3000, b"{" * 3000, b"\x00", b"\xff\xfe", b'"', b"'", b"\\ud800", b"\xed\xa0\x80", b"&a",
@@ -138,7 +138,7 @@ def sound(tmp_path_factory):
         made[name] = file, lambda: read(what or file)
 
     def text(name, file_name, content, read, beside=None):
-        """A file of text; with `beside`, the text of a table that is read with it."""
+        """A text file; with `beside`, the text of a table that is read with it."""
         file, table = sub(name) / file_name, None
         file.write_text(content)
         if beside is not None:
@@ -213,7 +213,7 @@ def test_the_undamaged_files_are_read(sound):
 def test_damaged_files_are_read_or_refused_by_name(sound):
     rng, became, slow = random.Random(20), Counter(), []
     names = [*5 * [name for name in sound if name not in COSTLY], *COSTLY]
-    # Of a recording that is a folder the message names the folder.
+    # For a recording in a folder the message names the folder.
     folders = {name: str(path.parent) for name, (path, _) in sound.items()}
     for k in range(INPUTS):
         name = names[k % len(names)]

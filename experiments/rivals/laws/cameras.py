@@ -1,12 +1,12 @@
 """Cameras: AutoPTZ 2.2.0-rc9 with its default settings, obs-face-tracker, and the pan-tilt tutorials of OpenCV.
 
 AutoPTZ uses the image coordinates of the face, and its image velocity compensated for the camera's motion. It has a
-dead zone, a velocity lead, a one-euro filter, and a gain that increases with error, velocity and delay. The lead covers
-the processing delay, not that of the stream. Without encoders, the camera's motion is estimated from the background of
-the image; here it is the joint motion between the two frames.
+dead zone, a velocity lead, a one-euro filter, and a gain that increases with error, velocity and delay. The lead
+compensates the processing delay, not the stream's. Without encoders, the camera's motion is estimated from the
+background of the image; here it is the joint motion between the two frames.
 
 The output of obs-face-tracker is one of a PTZ camera's discrete speeds. The gain is proportional to the frame period:
-the speed at 60 frames a second is half of that at 30.
+the speed at 60 frames per second is half the speed at 30.
 
 The output of the tutorials' law is the servo's angle, in whole degrees: a PID law at 5 Hz of the offset from the image
 centre, in pixels of a small image, without encoders, anti-windup or rate limit.
@@ -40,7 +40,7 @@ _KEPT_S = 1.5
 
 
 class AutoPtz(Rival):
-    """Velocity law, one command a frame.
+    """Velocity law, one command per frame.
 
     Args:
         neck: Model of the neck, with its top speed.
@@ -68,7 +68,7 @@ class AutoPtz(Rival):
         """See `Rival.step`."""
         for detection in view.detections:
             self._update(view, detection)
-        # A delay above one and a half periods counts as a frame without a face.
+        # A delay above one and a half periods is treated as a frame without a face.
         if view.time_s - self._arrival_s > 1.5 * self.period_s:
             self._command = np.zeros(2)
             self._reset()
@@ -149,7 +149,7 @@ class OneEuro:
 
     Args:
         least_cutoff_hz: Cutoff frequency at constant input.
-        beta: Slope of the cutoff frequency over the input's speed, hertz for a unit a second.
+        beta: Slope of the cutoff frequency over the input's speed, hertz for a unit per second.
         speed_cutoff_hz: Cutoff frequency of the low-pass filter of the speed.
     """
 
@@ -230,7 +230,7 @@ class ObsFaceTracker(Rival):
         """See `Rival.step`."""
         for detection in view.detections:
             self._update(detection)
-        # A delay above one and a half periods counts as a frame without a face.
+        # A delay above one and a half periods is treated as a frame without a face.
         if view.time_s - self._arrival_s > 1.5 * self.period_s:
             self._u = np.zeros(2)
             self._integral_px = self._integral_px * math.exp(-self.period_s / _DECAY_S)

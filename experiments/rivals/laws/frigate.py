@@ -95,7 +95,7 @@ class Frigate(Rival):
         return self._goal_rad
 
     def _estimate_velocity(self, view: View, detection: Detection) -> FloatArray | None:
-        """Plausible image velocity of the face, compensated for the camera's motion, shape (2,), pixels a frame."""
+        """Plausible image velocity of the face, compensated for the camera's motion, shape (2,), pixels per frame."""
         head_rad = view.joints_at(detection.capture_time_s)
         if head_rad is None:
             return None
@@ -160,7 +160,7 @@ class CornerFilter:
         self._kalman = kalman
 
     def update(self, corners_px: FloatArray) -> FloatArray:
-        """Update with the corners of the next frame; velocity of both corners, shape (2, 2), pixels a frame."""
+        """Update with the corners of the next frame; velocity of both corners, shape (2, 2), pixels per frame."""
         self._kalman.predict()
         self._kalman.update(corners_px.ravel())
         velocity: FloatArray = self._kalman.x[4:, 0].reshape(2, 2).copy()
@@ -168,15 +168,15 @@ class CornerFilter:
 
 
 def believed_velocity(corners_px: FloatArray, image_px: FloatArray, fps: float) -> FloatArray | None:
-    """Velocity of the box, if those of its corners are consistent.
+    """Velocity of the box, if the corners' velocities are consistent.
 
     Args:
-        corners_px: Velocity of both corners, shape (2, 2), pixels a frame.
+        corners_px: Velocity of both corners, shape (2, 2), pixels per frame.
         image_px: Width and height of the image, shape (2,), pixels.
-        fps: Frames a second.
+        fps: Frames per second.
 
     Returns:
-        Mean velocity, shape (2,), pixels a frame; None if the corners are too fast or inconsistent.
+        Mean velocity, shape (2,), pixels per frame; None if the corners are too fast or inconsistent.
     """
     first, second = corners_px
     difference = np.abs(first - second)

@@ -1,12 +1,12 @@
 """Reachy Mini: its daemon (reachy_mini 1.10, August 2026), the same with times of capture (#1396), and an app.
 
-A detected face becomes a direction in space, and the head's orientation eases towards it 50 times a second. The daemon
-turns the place in the image by the head's pose at *processing*, so the head's motion since the capture is added to the
-target. With #1396 the pose is that of the *capture*. The daemon also ignores faces below 0.3 % of the image; here all
-laws get the same detections.
+A detected face becomes a direction in space, and the head's orientation follows it with a first-order lag at 50 Hz. The
+daemon rotates the image direction by the head's pose at *processing*, so the head's motion since the capture is added
+to the target. #1396 uses the pose at *capture*. The daemon also ignores faces below 0.3 % of the image; here all laws
+get the same detections.
 
 The conversation app of early 2026 (0.2.2) scales the look-at pose of the newest frame, by the head's pose at
-processing, by 0.6, and commands it at once, without filter or limit. Today the app uses the daemon's law.
+processing, by 0.6, and commands it without filter or limit. Today the app uses the daemon's law.
 """
 
 from __future__ import annotations

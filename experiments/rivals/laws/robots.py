@@ -1,7 +1,7 @@
 """Robots with trajectory generators: humotion (Flobi, Floka), iKinGazeCtrl (iCub), OP3, and PR2's point_head.
 
 humotion: the target in the base frame is computed with the encoders at the *capture* of the frame. On a robot with eyes
-the neck moves for large gaze shifts only; here, without eyes, its target is always that of the gaze.
+the neck moves for large gaze shifts only; here, without eyes, its target is always the gaze's.
 
 iKinGazeCtrl: a filter with a triple closed-loop pole, close to minimum jerk. The face's point in space is computed with
 the encoders at the *arrival* of the frame. The filter's input is the difference of target and neck; its output, a

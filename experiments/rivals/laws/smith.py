@@ -19,7 +19,7 @@ from gazempc.types import FloatArray
 # Length of the model's history, above the sum of all delays.
 _PAST_S = 8.0
 # Age of the last bearing from which the person is assumed to stand.
-_PATIENCE_S = 0.5
+_BEARING_TIMEOUT_S = 0.5
 
 
 class Smith(Rival):
@@ -115,7 +115,7 @@ class SmithFeedForward(Smith):
 
     def _estimate_velocity(self, capture_s: float, bearing: FloatArray) -> None:
         dt_s = math.inf if self._place is None else capture_s - self._place[0]
-        if self._place is None or dt_s > _PATIENCE_S:
+        if self._place is None or dt_s > _BEARING_TIMEOUT_S:
             self._place, self._velocity_rad_s = (capture_s, bearing), np.zeros(2)
         elif dt_s > 0.0:
             expected_rad = self._place[1] + dt_s * self._velocity_rad_s
@@ -124,7 +124,7 @@ class SmithFeedForward(Smith):
             self._velocity_rad_s = self._velocity_rad_s + self._beta / dt_s * innovation_rad
 
     def _ahead_rad(self, age_s: float) -> FloatArray:
-        if age_s > _PATIENCE_S + self._camera.latency_s:
+        if age_s > _BEARING_TIMEOUT_S + self._camera.latency_s:
             return np.zeros(2)
         delay_s = self._gain * (age_s + self._neck.dead_time_s)
         return self._velocity_rad_s * (self._neck.servo_lag_s + delay_s)

@@ -124,7 +124,7 @@ def _expression(part: Own, o: Trajectory) -> Any:
         value = value if isinstance(value, ca.SX) else ca.SX(value)
     except Exception:  # the type that CasADi raises depends on the argument
         raise SettingsError(
-            f"{part.label} returned {type(value).__name__}; needed is a casadi.SX expression in the symbols of o"
+            f"{part.label} returned {type(value).__name__}; expected a casadi.SX expression in the symbols of o"
         ) from None
     # By identity: a symbol made by the user may have the name of one in `Trajectory`.
     known = {each.element_hash() for each in ca.symvar(_motion(o))}
@@ -141,7 +141,7 @@ def _motion(o: Trajectory) -> Any:
 def _checked_term(term: Own, o: Trajectory) -> Any:
     value, y = _expression(term, o), _motion(o)
     if value.shape != (1, 1):
-        raise SettingsError(f"{term.label} has shape {value.shape}; needed is a scalar, such as casadi.sumsqr(o.du)")
+        raise SettingsError(f"{term.label} has shape {value.shape}; expected a scalar, such as casadi.sumsqr(o.du)")
     curvature, slope, constant = _coefficients(term, "quadratic", ca.quadratic_coeff, value, y)
     _compare(term, "quadratic", value, y, lambda x: 0.5 * x @ curvature @ x + slope[:, 0] @ x + constant[0])
     # The reference is a parameter; the decision variables are the motion.
@@ -158,7 +158,7 @@ def _checked_term(term: Own, o: Trajectory) -> Any:
 def _checked_row(row: Own, o: Trajectory) -> Any:
     value, y = _expression(row, o), _motion(o)
     if value.shape[1] != 1 or not value.shape[0]:
-        raise SettingsError(f"{row.label} has shape {value.shape}; needed is a column, such as (o.u - o.q) / 0.05")
+        raise SettingsError(f"{row.label} has shape {value.shape}; expected a column, such as (o.u - o.q) / 0.05")
     matrix, constants = _coefficients(row, "linear", ca.linear_coeff, value, y)
     _compare(row, "linear", value, y, lambda x: matrix @ x + constants[:, 0])
     still = ~matrix[:, : -o.r.shape[0]].any(axis=1)

@@ -1,7 +1,7 @@
 """White error, wander and jumps of a track, by the mean squares of its differences.
 
 Third differences of a track leave its white error and little of a person's motion. Half the mean square of the
-differences at a lag h, the variogram, grows from the white error to that of the wander:
+differences at a lag h, the variogram, increases from the white error by the wander's:
 white² + wander² (1 - exp(-h/τ)).
 """
 
@@ -21,12 +21,12 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 _THIRD = 20.0
 # Neighbouring third differences of white noise have a correlation of -0.75; of smooth motion 1.
 _HIDDEN = -0.375
-# Longest lag, seconds, and how many lags and times of correlation are tried.
+# Longest lag, seconds, and numbers of lags and correlation times in the grid.
 _LONGEST_S, _LAGS, _TIMES = 4.0, 16, 30
-# Of the jackknife.
+# Number of blocks of the jackknife.
 _BLOCKS = 10
 # Significance threshold of the wander's variance, times white² / √N: 1 to 5 % false positives for N values.
-_SEEN = 6.0
+_SIGNIFICANT = 6.0
 # Least duration of the data, in correlation times of the wander.
 _CORRELATIONS = 8.0
 # Detection of jumps: window of the median, threshold in standard deviations, and least share of the jump's size in its
@@ -94,7 +94,7 @@ def find_jumps(times_s: FloatArray, values: FloatArray, wanted: BoolArray) -> tu
     Args:
         times_s: Shape (N,), seconds.
         values: Shape (N, A).
-        wanted: Mask of the frames to test, shape (N,).
+        wanted: Mask of the tested frames, shape (N,).
 
     Returns:
         Mask of the tested frames without jumps, shape (N,); and the jumps.
@@ -144,7 +144,7 @@ def measure_errors(times_s: FloatArray, values: FloatArray, used: BoolArray, sti
             squares.append(_in_blocks((values[lag:] - values[:-lag]) / np.sqrt(2.0), pairs, block))
             at_s.append(float(apart_s[pairs].mean()))
     white, wander, correlation_s = _jackknife(squares, at_s, period_s)
-    seen = wander.value > max(sway, np.sqrt(_SEEN / np.sqrt(used.sum() * values.shape[1])) * white.value)
+    seen = wander.value > max(sway, np.sqrt(_SIGNIFICANT / np.sqrt(used.sum() * values.shape[1])) * white.value)
     known = seen and used_s >= _CORRELATIONS * correlation_s.value
     if not known:
         # Third differences suppress the smooth sway of a person.
@@ -184,11 +184,11 @@ def _white_and_wander(squares: FloatArray, counts: FloatArray, lags_s: FloatArra
     """White error, wander and its correlation time, shape (3,).
 
     Args:
-        squares: Mean square of the third differences, then of those at the lags, shape (1 + L,); of white noise alone
-            each is its variance.
-        counts: Of each, shape (1 + L,).
+        squares: Mean square of the third differences, then of those at the lags, shape (1 + L,); for white noise alone
+            each equals its variance.
+        counts: Number of squares in each, shape (1 + L,).
         lags_s: Shape (L,), seconds.
-        period_s: Interval of frames.
+        period_s: Frame interval, seconds.
     """
     third, variogram = squares[0], squares[1:]
     if not lags_s.size:

@@ -35,10 +35,10 @@ class TrackerErrors:
 
     Attributes:
         frames: Rate, jitter and losses.
-        along: Error of the range, shares of it.
+        along: Relative error of the range.
         across: Error of the bearing on each of its two axes, radians.
         jumps: Jumps of the track; sizes are shares of the range and radians.
-        still_s: Seconds in which the person stood or sat still.
+        still_s: Time at rest of the person, seconds.
         range_m: Least, median and largest range, shape (3,), metres.
         head_yaw: Error of the yaw; None if unknown.
         pelvis_yaw: Error of the yaw; None if unknown.

@@ -30,7 +30,7 @@ class HeadTrack:
     Attributes:
         person: Name of the person from the tracker or the file.
         times_s: Capture times, shape (N,), seconds, strictly increasing.
-        position_m: Of the head, shape (N, 3), metres.
+        position_m: Positions of the head, shape (N, 3), metres.
         head_yaw_rad: Shape (N,); NaN if unknown.
         pelvis_yaw_rad: Shape (N,); NaN if unknown.
         delays_s: Delay from stamp to arrival, shape (N,), seconds; None if unknown.
@@ -77,7 +77,7 @@ def of_lines(path: Path, person: str | None = None) -> HeadTrack:
     """The track of one person in lines of JSON.
 
     Args:
-        path: File with one observation a line, in order of arrival.
+        path: File with one observation per line, in order of arrival.
         person: The tracker's name of the person; None for the one with the most lines.
 
     Returns:
@@ -97,17 +97,17 @@ def of_lines(path: Path, person: str | None = None) -> HeadTrack:
         try:
             observation = parse_line(text, np.nan, lambda unix_s: unix_s)
         except LineError as error:
-            problem = "age_s is no time of capture in a file; give capture_time_s" if '"age_s"' in text else str(error)
+            problem = "age_s is not a capture time in a file; give capture_time_s" if '"age_s"' in text else str(error)
             bad.append(f"line {number}: {problem}")
             continue
         found[observation.person_id or path.stem].append(observation)
     if len(bad) > _BAD_LINES * count or not found:
         place, _, problem = bad[0].partition(": ")
-        raise RecordingError(path, place, f"{problem} ({len(bad)} of {count} lines)", "an observation a line")
+        raise RecordingError(path, place, f"{problem} ({len(bad)} of {count} lines)", "one observation per line")
     chosen = max(found, key=lambda name: len(found[name])) if person is None else person
     if chosen not in found:
         raise SettingsError(f"--person {person}: not in {path}; {suggest(chosen, found)}")
-    notes = [f"{len(bad)} of {count} lines are no observations ({bad[0]})"] if bad else []
+    notes = [f"{len(bad)} of {count} lines are not observations ({bad[0]})"] if bad else []
     if others := [f"{name} ({len(lines)} frames)" for name, lines in found.items() if name != chosen]:
         notes.append(f"also in the file: {', '.join(others)}; choose by --person")
     return _of_observations(chosen, found[chosen], notes)
@@ -134,8 +134,8 @@ def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:
 
 _LINES = (".jsonl", ".ndjson")
 _ACCEPTED = (
-    "a table (.csv, .tsv, .txt, .parquet) with t, head_x, head_y, head_z, or with columns that are known or saved; "
-    "lines of JSON as a live source takes them "
+    "a table (.csv, .tsv, .txt, .parquet) with t, head_x, head_y, head_z, or with a known or saved mapping; "
+    "lines of JSON as for a live source "
     f"({', '.join(_LINES)}); or the folder of a ROS 2 bag"
 )
 # Share of repeated frames above which they are removed; fewer occur with coordinates of few digits.
@@ -147,11 +147,11 @@ _MIN_FRAMES, _MIN_DURATION_S = 60, 3.0
 
 
 def read_track(path: Path, person: str | None = None) -> HeadTrack:
-    """Read the longest track of a file, or that of one person.
+    """Read the longest track of a file, or the track of one person.
 
     Args:
         path: File or folder.
-        person: The tracker's name of the person; None: who has the longest track.
+        person: The tracker's name of the person; None: the longest track.
 
     Returns:
         The track.
@@ -163,7 +163,7 @@ def read_track(path: Path, person: str | None = None) -> HeadTrack:
     """
     is_lines = path.suffix.lower() in _LINES
     if not is_lines and not path.is_dir() and (not path.exists() or path.suffix.lower() not in (*TABLES, ".json")):
-        raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown kind of file", _ACCEPTED)
+        raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown file type", _ACCEPTED)
     track = of_lines(path, person) if is_lines else of_recording(path, person)
     _check(path, track)
     return _without_repeats(track)
@@ -173,13 +173,13 @@ def _check(path: Path, track: HeadTrack) -> None:
     place, frames = f"person {track.person}", track.times_s.size
     duration_s = float(np.ptp(track.times_s)) if frames else 0.0
     if frames < _MIN_FRAMES or duration_s < _MIN_DURATION_S:
-        needed = f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; better 30 s of a person who stands still"
+        needed = f"at least {_MIN_FRAMES} frames in {_MIN_DURATION_S:g} s; preferably 30 s of a person at rest"
         raise RecordingError(path, place, f"{frames} frames in {duration_s:.1f} s", needed)
     check_plausible(path, track.times_s, track.position_m, at_sensor=True)
     if (np.ptp(track.position_m, axis=0) == 0.0).all():
-        raise RecordingError(path, place, "the position never changes", "a tracker that measures")
+        raise RecordingError(path, place, "the position is constant", "measured positions")
     if (np.linalg.norm(track.position_m, axis=1) < _LEAST_RANGE_M).any():
-        needed = "positions in the sensor's own frame, x forward, y left, z up, the sensor at the origin"
+        needed = "positions in the sensor's frame, x forward, y left, z up, the sensor at the origin"
         raise RecordingError(path, place, f"a head within {_LEAST_RANGE_M:g} m of the origin", needed)
 
 
@@ -188,6 +188,6 @@ def _without_repeats(track: HeadTrack) -> HeadTrack:
     new = np.concatenate([[True], (np.diff(track.position_m, axis=0) != 0.0).any(axis=1)])
     if new.mean() > 1.0 - _REPEATED:
         return track
-    note = f"{int((~new).sum())} of {new.size} frames repeat the position before exactly: left out"
+    note = f"{int((~new).sum())} of {new.size} frames repeat the previous position exactly: left out"
     arrays = {name: value[new] for name, value in vars(track).items() if isinstance(value, np.ndarray)}
     return replace(track, **arrays, notes=(*track.notes, note))

@@ -34,7 +34,7 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
     frames = errors.frames
     low_m, middle_m, high_m = errors.range_m
     yield "range (m)", f"{middle_m:.2f}", f"median; {low_m:.2f} to {high_m:.2f}"
-    yield "frames a second", f"{frames.rate_hz:.2f}", f"{frames.duration_s:.0f} s"
+    yield "frames per second", f"{frames.rate_hz:.2f}", f"{frames.duration_s:.0f} s"
     kept = "about a steady rate; not in the file" if frames.regular else "irregular"
     yield "s.d. of their intervals (ms)", f"{1e3 * frames.jitter_s:.1f}", kept
     yield "single frames missing (%)", f"{100 * frames.single_share:.2f}", ""
@@ -50,9 +50,9 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
         along, across = map(np.median, errors.jump_sizes_m)
         size = f"{along:.2f} m along, {across:.2f} m across the line of sight (medians)"
         remark = f"{size}; up to {jumps.durations_s.max():.2f} s"
-        yield "jumps a second", f"{jumps.durations_s.size / errors.used_s:.2f}", remark
+        yield "jumps per second", f"{jumps.durations_s.size / errors.used_s:.2f}", remark
     else:
-        yield "jumps a second", "0", f"{errors.used_s:.0f} s"
+        yield "jumps per second", "0", f"{errors.used_s:.0f} s"
     for name, yaw in (("head yaw", errors.head_yaw), ("pelvis yaw", errors.pelvis_yaw)):
         if yaw is None:
             yield name, "-", "not in the recording"
@@ -70,7 +70,7 @@ def _direction_rows(name: str, unit: str, error: Errors, factor: float) -> Itera
     elif error.wander_is == "unknown":
         yield label, "unknown", "hidden by the person's motion, or too slow for this recording; not in the file"
     else:
-        yield label, "none", "none seen, or no more than a person's sway"
+        yield label, "none", "not significant, or within a person's sway"
 
 
 def warnings(errors: TrackerErrors) -> list[str]:
@@ -79,15 +79,15 @@ def warnings(errors: TrackerErrors) -> list[str]:
     if errors.moved:
         still = f"still for {errors.still_s:.0f} s of {errors.frames.duration_s:.0f} s"
         found.append(
-            f"the person moved too much: {still}. Wander is left out, so the file understates the error; "
+            f"the person moved too much: {still}. Wander is omitted, so the file understates the error; "
             "record 30 s of a person who stands still"
         )
     elif errors.used_s < _GOOD_S:
-        found.append(f"only {errors.used_s:.0f} s of a person who is still; 30 s are better, mainly for wander")
+        found.append(f"only {errors.used_s:.0f} s of a person at rest; 30 s are better, mainly for wander")
     if errors.along.hidden or errors.across.hidden:
         found.append("white error: upper bounds only, as the tracker smooths, or the person moved")
     if errors.jumps.durations_s.size and not errors.jumps_across:
-        found.append("jumps are small or along the line of sight only: left out, a sensor file has no field for them")
+        found.append("jumps are small or along the line of sight only: omitted, as a sensor file has no field for them")
     if errors.latency_s is None:
         found.append(f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as `reference`")
     return found
@@ -132,7 +132,7 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     if frames.gaps_s.size:
         values["loss"] = _bursts(frames.gap_interval_s, frames.gaps_s, (0.0, 1.0))
     if not frames.regular:
-        # Range of a uniform distribution with this standard deviation; the rate is that of frames without delay.
+        # Range of a uniform distribution with this standard deviation; the rate is without delays.
         jitter_s = frames.jitter_s * math.sqrt(12.0)
         values["rate_hz"] = _rounded(1.0 / max(1.0 / frames.rate_hz - 0.5 * jitter_s, 1e-3))
         values["timing"] = {"frame_jitter_s": _rounded(jitter_s)}
@@ -174,11 +174,11 @@ def _rounded(value: float) -> float:
 
 
 def identify_tracker(path: Path, person: str | None, out: Path, progress: Progress) -> None:
-    """Measure a tracker from a recording, print what was found and write a sensor file.
+    """Measure a tracker's errors from a recording, print them and write a sensor file.
 
     Args:
         path: Recording: table, lines of JSON or folder of a bag.
-        person: The tracker's name of the person; None: who has the longest track.
+        person: The tracker's name of the person; None: the longest track.
         out: TOML file to write.
         progress: Progress display.
 

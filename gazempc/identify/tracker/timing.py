@@ -11,10 +11,10 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 # Interval in periods above which frames are lost.
 _LOSS_PERIODS = 1.5
 # Relative standard deviation of intervals above which the rate is irregular, unless successive intervals compensate
-# each other. Then a gap is an interval of this many periods.
+# each other; and minimum gap of an irregular rate, periods.
 _IRREGULAR, _IRREGULAR_GAP = 0.25, 3.0
-# Correlation of successive intervals where each late frame makes the next interval shorter: -0.5.
-_MAKES_UP = -0.25
+# Threshold of the correlation of successive intervals: -0.5 if each late frame shortens the next interval.
+_COMPENSATED = -0.25
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _varies_freely(intervals_s: FloatArray, usual: BoolArray) -> bool:
     if np.abs(periods - np.rint(periods)).mean() < 0.1:
         return False
     beside = usual[1:] & usual[:-1]
-    return bool(np.corrcoef(intervals_s[:-1][beside], intervals_s[1:][beside])[0, 1] > _MAKES_UP)
+    return bool(np.corrcoef(intervals_s[:-1][beside], intervals_s[1:][beside])[0, 1] > _COMPENSATED)
 
 
 def _missing(intervals_s: FloatArray, period_s: float) -> IntArray:

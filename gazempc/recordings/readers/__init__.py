@@ -1,1 +1,1 @@
-"""File formats of recordings, one a module. May import gazempc.recordings."""
+"""File formats of recordings, one per module. May import gazempc.recordings."""

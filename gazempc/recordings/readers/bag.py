@@ -1,4 +1,4 @@
-"""The tracks of people in a ROS 2 bag, and a person in it as a recording."""
+"""Recordings of people from a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ _EXPECTED = (
 
 
 def read_bag(path: Path, options: ReadOptions) -> Recording:
-    """Read a bag: the longest track of a person in it, or the one that is chosen.
+    """Read one person from a bag: the longest track, or the one selected by the options.
 
     The recording's frame is the sensor's, x forward, y left, z up, and the robot stands there. A frame such as ``map``
-    is no sensor's; the robot then stands beside the walk. The truth is unknown: it is the track,
-    smoothed without lag.
+    has no sensor at its origin; the robot then stands beside the walk. The truth is estimated: the track, smoothed
+    without lag.
 
     Args:
         path: Folder of the bag, or a file of it.
-        options: Topic, person, frame and axes, where others are meant.
+        options: Topic, person, frame and axes, to override the inferred ones.
 
     Returns:
-        The recording, with notes of what else is in the bag.
+        The recording, with notes on the other people in the bag.
 
     Raises:
-        RecordingError: If this is no bag, no person is in it, or the track is too short.
+        RecordingError: If this is not a bag, it contains no person, or the track is too short.
         SettingsError: If the bag has no such topic, person or frame.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
@@ -46,17 +46,17 @@ def read_bag(path: Path, options: ReadOptions) -> Recording:
 
 
 def read_bag_people(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
-    """Read all people of a bag, those of the likeliest kind of frame: faces, heads, persons or topics.
+    """Read all people of a bag, from its most likely kind of frame: faces, heads, persons or topics.
 
     Args:
-        path: As of `read_bag`.
-        options: As of `read_bag`; the person is not chosen.
+        path: As for `read_bag`.
+        options: As for `read_bag`, except the person.
 
     Returns:
-        A recording a person, on one clock.
+        One recording per person, on one clock.
 
     Raises:
-        GazempcError: As of `read_bag`.
+        GazempcError: As for `read_bag`.
     """
     frames, found = _open(path)
     alike = [seen for seen in found if seen.rank[0] == found[0].rank[0] and seen.poses.times_s.size > 1]
@@ -69,7 +69,7 @@ def read_bag_people(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
 
 
 def _open(path: Path) -> tuple[FrameTree, list[Sighted]]:
-    """The frames of a bag, and possible heads of people, the likeliest and longest first; at least one."""
+    """Frame tree of a bag, and candidate tracks of heads, most likely and longest first; at least one."""
     topics, messages = read_messages(path)
     frames = FrameTree(messages)
     if found := people_in(frames, topics, messages):
@@ -81,15 +81,15 @@ def _open(path: Path) -> tuple[FrameTree, list[Sighted]]:
 def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sighted, options: ReadOptions) -> Recording:
     frame, axes, poses, notes = _in_frame(path, frames, seen, options)
     if not poses.times_s.size:
-        raise RecordingError(f"{path}: {seen.name} in {frame}", "", "no frame", "at least one in that frame")
+        raise RecordingError(f"{path}: {seen.name} in {frame}", "", "no pose", "at least one pose in that frame")
     track = Track(poses.position_m, poses.quat_wxyz, *_pelvis(frames, seen, frame, axes, poses.times_s))
     others = [f"{other.name} ({other.poses.times_s.size} in {other.frame})" for other in people if other is not seen]
     if others:
-        notes.append(f"also in the bag: {', '.join(others)}; the options person and bag_topic choose")
+        notes.append(f"also in the bag: {', '.join(others)}; select by the options person and bag_topic")
     times_s = poses.times_s - poses.times_s[0]
     found = recording_of(path, times_s, track, "tracked", frame not in FIXED_FRAMES, notes=notes)
     name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
-    # ROS4HRI's persons are the same people in all bags of a robot; an index beside the bag wins.
+    # ROS4HRI's person ids are common to all bags of a robot; an index beside the bag has priority.
     labels, is_person_id = found.labels, seen.topic == TF and seen.person != seen.name.partition("_")[2]
     if is_person_id and labels.subject == path.stem.partition("_")[0]:
         labels = replace(labels, subject=seen.person)
@@ -118,21 +118,21 @@ def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
 
 
 def _in_frame(path: Path, frames: FrameTree, seen: Sighted, options: ReadOptions) -> tuple[str, Axes, Poses, list[str]]:
-    """The frame that is wanted, its axes, poses in it (x forward, z up; people's x out of the face), and notes."""
+    """Target frame, its axes, the poses in it (x forward, z up; people's x out of the face), and notes."""
     goal = options.bag_frame or seen.frame
     moved, lost = (seen.poses, 0) if goal == seen.frame else _moved(path, frames, seen.poses, seen.frame, goal)
-    # People face the sensor, wherever the robot shall stand.
+    # The person's axes are inferred in the sensor's frame, because people face the sensor.
     own, _ = forward(seen.frame, seen.poses, options.bag_axes if goal == seen.frame else None)
     is_sensor, is_face = seen.frame not in FIXED_FRAMES, seen.name.startswith("face_")
     turn, note = person_axes(own.position_m, own.quat_wxyz, is_sensor, is_face)
     poses, was_optical = forward(goal, moved, options.bag_axes)
     about = f"{seen.name}, {poses.times_s.size} frames in {goal}"
-    about += ", optical axes turned to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
+    about += ", optical axes rotated to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
     notes = [f"{about} (the options bag_frame and bag_axes change it)", *([note] if note else [])]
     if left_out := seen.left_out + lost:
         notes.append(
-            f"{left_out} messages repeat a stamp, hold no finite pose, or came while {FACES} did not list the face or "
-            f"{goal} was not known: left out"
+            f"{left_out} messages repeat a stamp, have no finite pose, or came while {FACES} did not list the face or "
+            f"{goal} was unknown: left out"
         )
     if poses.times_s.size:
         notes.append(f"messages arrived {1e3 * np.median(poses.delays_s):.0f} ms after their stamp (median)")
@@ -141,12 +141,12 @@ def _in_frame(path: Path, frames: FrameTree, seen: Sighted, options: ReadOptions
 
 
 def _moved(path: Path, frames: FrameTree, poses: Poses, start: str, goal: str) -> tuple[Poses, int]:
-    """Poses in another frame of the bag, and how many are lost."""
+    """Poses in another frame of the bag, and the number of poses without a transform."""
     way = frames.way(start, goal)
     if way is None:
         joined = [name for name in frames.names if frames.way(start, name) is not None]
         others = [name for name in joined if not (is_person(name) or name.startswith("gaze_"))]
-        raise SettingsError(f"bag_frame: no way from {start} to {goal!r} in {path}; {suggest(goal, others)}")
+        raise SettingsError(f"bag_frame: no transform from {start} to {goal!r} in {path}; {suggest(goal, others)}")
     shift_m, turn, known = frames.along(way, poses.times_s)
     quats = composed(poses.quat_wxyz, first=turn)
     moved = replace(poses, position_m=shift_m + turn.apply(poses.position_m), quat_wxyz=quats)

@@ -18,14 +18,14 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Largest distance in time from a message of a frame for interpolation; beyond it the pose is unknown.
 _LONGEST_GAP_S = 1.0
-# Frames that are no sensor's origin: the line of sight is unknown there.
+# Frames whose origin is not a sensor, so that the line of sight is unknown.
 FIXED_FRAMES = ("map", "odom", "world", "earth")
 Edge = tuple[str, str]
 
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of one thing in one frame.
+    """Poses of one object in one frame.
 
     Attributes:
         times_s: Stamps, shape (N,), seconds.
@@ -40,7 +40,7 @@ class Poses:
     quat_wxyz: FloatArray
 
     def chosen(self, rows: BoolArray | IntArray) -> Poses:
-        """Some of them, by a mask or by indices."""
+        """Rows selected by a mask or by indices."""
         return Poses(self.times_s[rows], self.delays_s[rows], self.position_m[rows], self.quat_wxyz[rows])
 
 
@@ -48,12 +48,12 @@ class FrameTree:
     """All frames of a bag.
 
     Args:
-        messages: Of the bag; those on other topics are passed over.
+        messages: Messages of the bag; other topics are ignored.
 
     Attributes:
-        moving: Poses of a child in its parent, by (parent, child), in the order of the stamps, repeats included. Rows
-            with a number that is not finite or without an orientation are among them.
-        fixed: The same of `/tf_static`: position and quaternion.
+        moving: Poses of a child in its parent, by (parent, child), in the order of the stamps, repeats included.
+            Includes rows with non-finite numbers or without an orientation.
+        fixed: The same for `/tf_static`: position and quaternion.
     """
 
     def __init__(self, messages: Iterable[BagMessage]) -> None:
@@ -79,17 +79,17 @@ class FrameTree:
         return tuple(dict.fromkeys(name for edge in (*self.moving, *self.fixed) for name in edge))
 
     def way(self, start: str, goal: str) -> list[tuple[Edge, bool]] | None:
-        """The shortest way from a frame to another.
+        """Shortest chain of transforms between two frames.
 
         Args:
-            start: Name of the one.
-            goal: Name of the other.
+            start: Name of the source frame.
+            goal: Name of the target frame.
 
         Returns:
-            Transforms, and for each whether the way goes from child to parent; None if the two are not connected.
+            Transforms, each with whether it is applied from child to parent; None if the frames are not connected.
         """
         neighbours: Mapping[str, list[tuple[str, Edge, bool]]] = defaultdict(list)
-        # Fixed ones first: of two ways of the same length the one that needs no interpolation is taken.
+        # Static transforms first: of two chains of equal length the one without interpolation is found.
         for parent, child in (*self.fixed, *self.moving):
             neighbours[child].append((parent, (parent, child), True))
             neighbours[parent].append((child, (parent, child), False))
@@ -104,14 +104,14 @@ class FrameTree:
         return came.get(goal)
 
     def along(self, way: Iterable[tuple[Edge, bool]], times_s: FloatArray) -> tuple[FloatArray, Rotation, BoolArray]:
-        """Pose of a way's start in its end at times.
+        """Pose of a chain's source frame in its target frame at given times.
 
         Args:
-            way: As `way` gives it.
+            way: As returned by `way`.
             times_s: Shape (N,), seconds.
 
         Returns:
-            Positions, shape (N, 3), metres; N rotations; and where all transforms are known, shape (N,).
+            Positions, shape (N, 3), metres; N rotations; and a mask of the times with all transforms known, shape (N,).
         """
         position_m, turn = np.zeros((times_s.size, 3)), Rotation.identity(times_s.size)
         known = np.ones(times_s.size, dtype=np.bool_)
@@ -145,7 +145,7 @@ class FrameTree:
 
 
 def usable(poses: Poses) -> Poses:
-    """Poses with finite numbers and with an orientation or none, sorted by stamp, each stamp once."""
+    """Poses with a finite position and a valid or unknown orientation, sorted by stamp, each stamp once."""
     unknown = np.isnan(poses.quat_wxyz).all(axis=1)
     norms = np.linalg.norm(poses.quat_wxyz, axis=1)
     oriented = np.isfinite(norms) & (norms > 0.5)
@@ -158,10 +158,10 @@ def poses_of(rows: Sequence[Sequence[float]]) -> Poses:
     """Poses of messages.
 
     Args:
-        rows: Of each its stamp and its delay, seconds, position, metres, and quaternion w, x, y, z.
+        rows: Per message its stamp and delay, seconds, position, metres, and quaternion w, x, y, z.
 
     Returns:
-        The same; where no message has a stamp, the time of recording stands for it.
+        The poses; if no message has a stamp, times of recording replace the stamps.
     """
     table = np.array(rows, dtype=np.float64).reshape(-1, 9)
     times_s, delays_s = table[:, 0], table[:, 1]
@@ -174,22 +174,22 @@ Axes = Literal["optical", "forward"]
 
 # Optical axes (x right, y down, z forward) to x forward, y left, z up.
 _FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-# FrameTree that REP 103 and REP 105 give x forward, z up.
+# Frames to which REP 103 and REP 105 give x forward, z up.
 _FORWARD = re.compile(r"base(_.*)?|.*_(link|footprint|body)")
 # Cosine of 60 degrees: largest median angle between an axis of a person and a direction assigned to it.
-_POINTS = 0.5
+_MIN_AXIS_COSINE = 0.5
 
 
 def optical_axes(frame: str, position_m: FloatArray, wanted: Axes | None = None) -> bool:
     """Whether a frame has optical axes: x right, y down, z forward.
 
     Args:
-        frame: Its name.
-        position_m: Of people in it, shape (N, 3), metres.
-        wanted: The user's option; None: by the name, else by the positions of people.
+        frame: Name of the frame.
+        position_m: Positions of people in it, shape (N, 3), metres.
+        wanted: The user's option; None: inferred from the name, else from the positions of people.
 
     Returns:
-        True if so.
+        True for optical axes.
     """
     if wanted is not None:
         return wanted == "optical"
@@ -197,7 +197,7 @@ def optical_axes(frame: str, position_m: FloatArray, wanted: Axes | None = None)
         return True
     if frame in FIXED_FRAMES or _FORWARD.fullmatch(frame) or not len(position_m):
         return False
-    # Cameras are not always named by the convention: people are in front of them, along z or along x.
+    # Some cameras' frames do not follow the naming convention; people are in front of them, along z or along x.
     return bool(np.median(position_m[:, 2]) > np.median(position_m[:, 0]))
 
 
@@ -205,12 +205,12 @@ def forward(frame: str, poses: Poses, wanted: Axes | None = None) -> tuple[Poses
     """Poses with x forward, y left, z up.
 
     Args:
-        frame: Name of the frame that they are in.
+        frame: Name of the frame of the poses.
         poses: The poses.
-        wanted: The user's option for the frame's axes; None: by `optical_axes`.
+        wanted: The user's option for the frame's axes; None: inferred by `optical_axes`.
 
     Returns:
-        The poses in the same frame with these axes, and whether they had to be turned.
+        The poses in the same frame with these axes, and whether they were rotated.
     """
     if not optical_axes(frame, poses.position_m, wanted):
         return poses, False
@@ -221,17 +221,17 @@ def forward(frame: str, poses: Poses, wanted: Axes | None = None) -> tuple[Poses
 def person_axes(
     position_m: FloatArray, quats_wxyz: FloatArray, from_sensor: bool, is_face: bool
 ) -> tuple[Callable[[FloatArray], FloatArray], str]:
-    """How orientations with a tracker's axes of a person become those of x out of the face, z up.
+    """Conversion of a tracker's body axes of a person to x out of the face, z up.
 
     Args:
-        position_m: Of one person, in a frame with x forward and z up, shape (N, 3), metres.
+        position_m: Positions of one person in a frame with x forward and z up, shape (N, 3), metres.
         quats_wxyz: Orientations in this frame, shape (N, 4); NaN if unknown.
-        from_sensor: Whether the frame's origin is the sensor, to which people turn their faces more often than not.
-        is_face: Whether faces alone are seen: these are turned to the sensor.
+        from_sensor: Whether the frame's origin is the sensor, which people mostly face.
+        is_face: Whether the poses are of detected faces, which are turned to the sensor.
 
     Returns:
         A function from orientations to orientations, NaN where the axes are undetermined; and a note, empty where the
-        axes are those of ROS4HRI.
+        axes are ROS4HRI's.
     """
     known = np.isfinite(quats_wxyz).all(axis=1)
     if not known.any():
@@ -240,15 +240,15 @@ def person_axes(
     up = np.median(axes[:, 2, :], axis=0)
     sight = -position_m[known] / np.linalg.norm(position_m[known], axis=1, keepdims=True)
     ahead = np.median(np.einsum("nik,ni->nk", axes, sight), axis=0)
-    # People may walk away from a sensor; but no detector of faces sees one from behind.
-    if up[2] > _POINTS and not (from_sensor and is_face and ahead[0] < -_POINTS):
+    # People may walk away from a sensor, but detectors find no face from behind.
+    if up[2] > _MIN_AXIS_COSINE and not (from_sensor and is_face and ahead[0] < -_MIN_AXIS_COSINE):
         return np.copy, ""
     front, top = int(np.argmax(np.abs(ahead))), int(np.argmax(np.abs(up)))
-    if not from_sensor or front == top or min(abs(ahead[front]), abs(up[top])) < _POINTS:
+    if not from_sensor or front == top or min(abs(ahead[front]), abs(up[top])) < _MIN_AXIS_COSINE:
         note = "orientations left out: no axis points up and another to the sensor"
         return partial(np.full_like, fill_value=np.nan), note
     x, z = np.sign(ahead[front]) * np.eye(3)[front], np.sign(up[top]) * np.eye(3)[top]
     turn = Rotation.from_matrix(np.column_stack([x, np.cross(z, x), z]))
     names = [f"{'-' if axis.sum() < 0 else '+'}{'xyz'[k]}" for k, axis in ((front, x), (top, z))]
-    note = f"{names[0]} is taken for the axis out of the face, {names[1]} for up"
+    note = f"{names[0]} is used as the axis out of the face, {names[1]} as up"
     return partial(composed, last=turn), note

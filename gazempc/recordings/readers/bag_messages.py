@@ -40,8 +40,8 @@ class BagMessage:
 
     Attributes:
         topic: Its topic.
-        received_ns: When it was recorded, nanoseconds since 1970.
-        content: Its fields, by the names of ROS.
+        received_ns: Time of recording, nanoseconds since 1970.
+        content: Its fields, with ROS's names.
     """
 
     topic: str
@@ -50,12 +50,12 @@ class BagMessage:
 
 
 def stamp_ns(header: Any) -> int:
-    """Stamp of a `std_msgs/Header`, nanoseconds; 0 where it is not set."""
+    """Stamp of a `std_msgs/Header`, nanoseconds; 0 if it is not set."""
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
 def person_of_topic(topic: str) -> str | None:
-    """Person whose face a topic names; None for any other topic."""
+    """Person's id in a topic of face ids; None for any other topic."""
     found = _FACE_OF_PERSON.fullmatch(topic)
     return found[1] if found else None
 
@@ -71,7 +71,7 @@ def read_messages(path: Path) -> tuple[Mapping[str, str], list[BagMessage]]:
         their recording.
 
     Raises:
-        RecordingError: If this is no bag, or it is damaged.
+        RecordingError: If this is not a bag, or it is damaged.
         MissingOptionalDependencyError: If rosbags is not installed.
     """
     with importing("Reading ROS 2 bags", "rosbags", "bags"):
@@ -89,7 +89,7 @@ def read_messages(path: Path) -> tuple[Mapping[str, str], list[BagMessage]]:
         with Reader(path) as reader:
             topics = {connection.topic: connection.msgtype for connection in reader.connections}
             wanted = [c for c in reader.connections if _is_wanted(c.topic, c.msgtype)]
-            # Without any connection, the library reads them all.
+            # With an empty list of connections, the library reads all messages.
             for connection, received_ns, raw in reader.messages(wanted) if wanted else ():
                 content = store.deserialize_cdr(raw, connection.msgtype)
                 messages.append(BagMessage(connection.topic, received_ns, content))
@@ -106,10 +106,10 @@ def _check(path: Path) -> None:
     """Check the files of a bag before the library reads them.
 
     Raises:
-        OSError: If one is no regular file, or its content is far larger than the file.
-        SettingsError: If the description has aliases.
+        OSError: If one is not a regular file, or its unpacked content is far larger than the file.
+        SettingsError: If the metadata has YAML aliases.
         sqlite3.Error: If a database is damaged.
-        ValueError: If a database would compute something.
+        ValueError: If a database has a view or a trigger.
     """
     files = [path] if path.is_file() else [part for part in path.iterdir() if not part.is_dir()]
     for file in files:
@@ -130,7 +130,7 @@ def _check(path: Path) -> None:
 
 
 def _chunk_bytes(file: Path) -> int:
-    """Size of the packed content of an MCAP file, bytes, as its chunks state it; the library compares both."""
+    """Unpacked size of an MCAP file, bytes, as stated by its chunks; the library checks it."""
     total, size_bytes = 0, file.stat().st_size
     with file.open("rb") as mcap:
         place = len(_MCAP)
@@ -145,7 +145,7 @@ def _chunk_bytes(file: Path) -> int:
 
 
 def _zstd_bytes(file: Path, most_bytes: int) -> int:
-    """Size of a packed file's content, bytes; counted to a little beyond the largest that is accepted."""
+    """Unpacked size of a Zstandard file, bytes; counting stops beyond the largest accepted size."""
     # A dependency of rosbags, and part of Python from 3.14 on.
     from backports import zstd  # noqa: PLC0415
 

@@ -1,6 +1,6 @@
-"""Frames and topics of a ROS 2 bag that may be a person's head, the likeliest first.
+"""Candidate frames and topics for a person's head in a ROS 2 bag, most likely first.
 
-Names and axes of people's frames are those of ROS4HRI (REP 155): ``face_<id>`` between the eyes and ``head_<id>``, both
+Names and axes of people's frames follow ROS4HRI (REP 155): ``face_<id>`` between the eyes and ``head_<id>``, both
 with x out of the face and z up; ``person_<id>`` at the face or the head; ``body_<id>`` between the hips.
 """
 
@@ -18,10 +18,10 @@ from gazempc.recordings.readers.bag_messages import FACES, POSE_TYPES, TF, BagMe
 
 # In the order of preference: a face is measured, a person is derived from faces and bodies.
 PREFIXES = ("face_", "head_", "person_", "body_")
-# Robots have heads and bodies, too: head_1_link, head_tilt, body_base, face_camera.
+# Robots' frames have such names, too: head_1_link, head_tilt, body_base, face_camera.
 _PERSON = re.compile(r"(?:(?:face|person)_\w+|(?:head|body)_[A-Za-z0-9]+)")
 _ROBOT_WORDS = {"link", "frame", "joint", "camera", "optical", "base", "pan", "tilt", "yaw", "pitch", "roll", "center"}
-# Topics of poses that are likely a person's come before others, such as a robot's goal.
+# Topics of poses with such names rank before others, such as a robot's goal.
 _PERSON_TOPIC = re.compile(r"head|face|person|people|human|user|pedestrian")
 
 
@@ -31,11 +31,11 @@ class Sighted:
 
     Attributes:
         name: Name of its frame, or its topic.
-        topic: Where it is from.
-        person: ROS4HRI's name of the person, the frame's id where there is none, or the topic.
-        frame: Frame that the poses are in; the nearest one that is no person's.
+        topic: Topic of its messages.
+        person: ROS4HRI's id of the person, else the frame's id, or the topic.
+        frame: Frame of the poses: the nearest ancestor that is not a person's.
         poses: In the order of their stamps, each stamp once.
-        left_out: Messages that repeat a stamp, hold no finite pose, or came while the tracker did not list the face.
+        left_out: Messages that repeat a stamp, have no finite pose, or came while the tracker did not list the face.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Sighted:
 
     @property
     def rank(self) -> tuple[int, int]:
-        """The likelier a head and the longer, the smaller."""
+        """Sort key: preference of the frame's kind, then negative length."""
         if self.topic == TF:
             kind = next(k for k, prefix in enumerate(PREFIXES) if self.name.startswith(prefix))
         else:
@@ -55,25 +55,25 @@ class Sighted:
         return kind, -self.poses.times_s.size
 
     def answers_to(self, name: str) -> bool:
-        """Whether a name is that of its frame, id, person or topic."""
+        """Whether a name matches its frame, id, person or topic."""
         return name in (self.name, self.person, self.name.partition("_")[2])
 
 
 def is_person(frame: str) -> bool:
-    """Whether a frame is a person's."""
+    """Whether a frame's name is a person's."""
     return bool(_PERSON.fullmatch(frame)) and frame.lower().rpartition("_")[2] not in _ROBOT_WORDS
 
 
 def people_in(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[BagMessage]) -> list[Sighted]:
-    """All candidates for a person's head, the likeliest and longest first.
+    """All candidates for a person's head, most likely and longest first.
 
     Args:
         frames: The frames of the bag.
         topics: Type of each topic.
-        messages: Those of the bag.
+        messages: Messages of the bag.
 
     Returns:
-        Frames and topics with at least one usable pose. Faces that a tracker gave to one person are joined.
+        Frames and topics with at least one usable pose. Faces of one person are merged.
     """
     persons = _persons(messages)
     found = [
@@ -86,9 +86,9 @@ def people_in(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[B
 
 
 def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
-    """A face without the poses at which it is in neither the previous nor the next list of tracked faces.
+    """Remove the poses of a face that is in neither the previous nor the next list of tracked faces.
 
-    Some trackers go on sending the last pose of a face that they lost.
+    Some trackers repeat the last pose of a lost face.
     """
     face = seen.name.removeprefix("face_")
     lists = [message for message in messages if message.topic == FACES]
@@ -102,13 +102,13 @@ def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
 
 
 def _persons(messages: Iterable[BagMessage]) -> dict[str, str]:
-    """Person by face."""
+    """Person's id by face id."""
     named = ((message, person_of_topic(message.topic)) for message in messages)
     return {message.content.data: person for message, person in named if person is not None and message.content.data}
 
 
 def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | None:
-    """A person's frame in the nearest frame of no person; None if it never moves, or has no such frame."""
+    """Track of a person's frame in its nearest ancestor of no person; None if it is static or has none."""
     own_id = name.partition("_")[2]
     way: list[tuple[tuple[str, str], bool]] = []
     here, been = name, {name}
@@ -126,7 +126,7 @@ def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | Non
         return None
     given = frames.moving[moving[0]]
     poses = usable(given)
-    # A single transform stays as it is.
+    # A single transform needs no composition.
     if len(way) > 1:
         position_m, turn, known = frames.along(way, poses.times_s)
         quats = turn.as_quat(scalar_first=True)
@@ -135,7 +135,7 @@ def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | Non
 
 
 def _joined(found: Sequence[Sighted]) -> list[Sighted]:
-    """Faces of one person in one frame as one: a tracker that loses a face gives it a new id."""
+    """Merge the faces of one person in one frame: a tracker assigns a new id after losing a face."""
     groups: dict[tuple[str, str, str], list[Sighted]] = defaultdict(list)
     for seen in found:
         groups[seen.person, seen.frame, seen.name.partition("_")[0]].append(seen)

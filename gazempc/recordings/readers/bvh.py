@@ -1,7 +1,6 @@
 """Recordings from motion capture as BVH, of any skeleton with a head and two sides.
 
-The parser is our own: the one maintained library (bvhio 1.5.4) never returns on a file that is cut off and
-reads numbers in single precision.
+The only maintained library (bvhio 1.5.4) does not terminate on truncated files and reads single precision.
 """
 
 from __future__ import annotations
@@ -38,20 +37,19 @@ _OPTIONS = "bvh_unit_m, bvh_up_axis, bvh_head_joint, bvh_hips_joint, bvh_facing,
 def read_bvh(path: Path, options: ReadOptions) -> Recording:
     """Read a BVH file.
 
-    The head is the tip of the head's bone where the file has one. Orientations are those of the joints'
-    bones, so that in the rest pose head and hips face where the person faces. A first frame that only shows
-    the rest pose (common in conversions of the CMU database) is left out.
+    The head is the tip of the head's bone where the file has one. Orientations of head and hips equal the person's
+    facing in the rest pose. A first frame in the rest pose (common in conversions of the CMU database) is left out.
 
     Args:
         path: File to read.
-        options: Unit, frame rate, head and hips joints, facing and up axis, where what is inferred is wrong.
+        options: Unit, frame rate, head and hips joints, facing and up axis, to override inferred values.
 
     Returns:
-        The recording; time starts at 0. Its notes state in one line what was inferred.
+        The recording; time starts at 0. One line of its notes lists the inferred values.
 
     Raises:
-        RecordingError: If the file is damaged, or head, facing, unit or up axis is in doubt; names the option that
-            decides.
+        RecordingError: If the file is damaged, or head, facing, unit or up axis is ambiguous; names the option that
+            resolves it.
     """
     bvh, left_out = _without_rest_frame(parse_bvh(path))
     joints = bvh.joints
@@ -60,7 +58,7 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
     tip, tip_offset = head_tip(joints, head)
     pose_of = poses(bvh, {head, hips, tip})
     head_position, hips_position = pose_of[tip][1] + pose_of[tip][0].apply(tip_offset), pose_of[hips][1]
-    travel = _travel(pose_of[hips], np.linalg.norm(head_position - hips_position, axis=1))
+    travel = _travel_direction(pose_of[hips], np.linalg.norm(head_position - hips_position, axis=1))
     person, facing_by = person_axes(path, joints, skeleton, options.bvh_facing, travel)
     up = _up_axis(path, options.bvh_up_axis, np.mean(head_position - hips_position, axis=0))
     unit_m, unit = _unit(path, bvh, hips, (up, person[:, 2]), options.bvh_unit_m)
@@ -78,7 +76,7 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
     inferred = (
         f"read as: {unit}, {axis_name(up)} up, head {joints[head].name} ({point}), "
         f"hips {joints[hips].name}, facing {axis_name(person[:, 0])} at rest ({facing_by}), "
-        f"{1.0 / frame_s:.4g} frames a second; the options {_OPTIONS} change it"
+        f"{1.0 / frame_s:.4g} frames per second; the options {_OPTIONS} change it"
     )
     track = Track(
         head_position_m=unit_m * out.apply(head_position),
@@ -94,7 +92,7 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
 
 
 def _without_rest_frame(bvh: Bvh) -> tuple[Bvh, list[str]]:
-    """Leave out a first frame in the rest pose: rotations of exactly 0 and a leap to the second; and a note."""
+    """Drop a first frame in the rest pose (rotations of exactly 0, then a jump), with a note."""
     is_rotation = np.array([channel.endswith("rotation") for joint in bvh.joints for channel in joint.channels])
     turns_deg = bvh.motion[:2][:, is_rotation]
     if len(turns_deg) < 2 or not is_rotation.any() or turns_deg[0].any():
@@ -107,7 +105,7 @@ def _without_rest_frame(bvh: Bvh) -> tuple[Bvh, list[str]]:
 def _up_axis(path: Path, wanted: str | None, to_head: FloatArray) -> FloatArray:
     """Unit vector of the file's axis that points up, shape (3,): from hips to head in the motion.
 
-    Some files keep their skeleton along another axis and turn it upright in every frame.
+    Some files define the skeleton along another axis and rotate it upright in every frame.
     """
     axis = np.zeros(3)
     largest = int(np.argmax(np.abs(to_head)))
@@ -115,19 +113,19 @@ def _up_axis(path: Path, wanted: str | None, to_head: FloatArray) -> FloatArray:
         axis["xyz".index(wanted)] = 1.0
     elif abs(to_head[largest]) <= _MIN_UP_COSINE * np.linalg.norm(to_head):
         shown = ", ".join(f"{x:.3g}" for x in to_head)
-        problem = f"no axis points up: from hips to head is ({shown}) in the mean"
+        problem = f"no axis points up: the mean vector from hips to head is ({shown})"
         raise RecordingError(path, "MOTION", problem, "an upright person, or the option bvh_up_axis (y or z)")
     else:
         axis[largest] = np.sign(to_head[largest])
     return axis
 
 
-def _travel(hips: Pose, from_head: FloatArray) -> FloatArray | None:
+def _travel_direction(hips: Pose, from_head: FloatArray) -> FloatArray | None:
     """Direction of travel in the axes of the rest pose, shape (3,); None for a person who stays in one place.
 
     Args:
-        hips: Their N rotations and positions.
-        from_head: Distance from head to hips, shape (N,), file units: a walk is longer than that.
+        hips: N rotations and positions of the hips.
+        from_head: Distance from head to hips, shape (N,), file units; a walk is longer.
     """
     turns, positions = hips
     way = turns[:-1].inv().apply(np.diff(positions, axis=0)).sum(axis=0)
@@ -137,7 +135,7 @@ def _travel(hips: Pose, from_head: FloatArray) -> FloatArray | None:
 def _unit(
     path: Path, bvh: Bvh, hips: int, ups: tuple[FloatArray, FloatArray], wanted_m: float | None
 ) -> tuple[float, str]:
-    """Metres per file unit, and its origin in words: the person's height in the motion, else in the rest pose.
+    """Metres per file unit from the person's height in the motion, else in the rest pose; and its origin in words.
 
     Args:
         path: File, for messages.
@@ -147,7 +145,7 @@ def _unit(
         wanted_m: The user's unit; None: inferred.
 
     Raises:
-        RecordingError: If no unit makes the person as high as people are, or motion and rest pose disagree.
+        RecordingError: If no unit gives a plausible height, or motion and rest pose disagree.
     """
     height, height_at_rest = _heights(bvh, *ups)
     if wanted_m is not None:
@@ -159,7 +157,7 @@ def _unit(
     )
     candidates = ", ".join(f"{unit} ({unit_m:.6g})" for unit, unit_m in _UNITS_M.items())
     problem = f"the person is {height:.4g} units high ({height_at_rest:.4g} in the rest pose)"
-    # A rest pose that does not stand has no height.
+    # The rest pose gives a height only if it stands.
     if name != name_at_rest and name and name_at_rest and stands_at_rest(bvh.joints, hips, ups[1]):
         problem += f": {name} by the motion, {name_at_rest} by the rest pose"
         raise RecordingError(path, "MOTION", problem, f"the option bvh_unit_m, one of {candidates}")
@@ -168,7 +166,7 @@ def _unit(
     if name_at_rest is not None:
         unit_m = _UNITS_M[name_at_rest]
         return unit_m, f"unit {name_at_rest} ({height_at_rest * unit_m:.2f} m high in the rest pose)"
-    problem += f", in no known unit {low_m:g} to {high_m:g} m"
+    problem += f", which is {low_m:g} to {high_m:g} m in no known unit"
     raise RecordingError(path, "MOTION", problem, f"one of the units {candidates}, or the option bvh_unit_m")
 
 

@@ -1,6 +1,6 @@
-"""BVH text into joints and channel values, and their forward kinematics.
+"""Parser of BVH text into joints and channel values, and forward kinematics.
 
-Lines are counted from 1. Joint names may hold blanks, braces may stand on the line of a name.
+Line numbers start at 1. Joint names may contain blanks; braces may follow a name on its line.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Bvh:
     Attributes:
         joints: In file order, root first.
         frame_time_s: As in the file, seconds.
-        motion: Shape (N, C), a row a frame, a column a channel; file units and degrees.
+        motion: Shape (N, C), one row per frame, one column per channel; file units and degrees.
     """
 
     joints: list[Joint]
@@ -71,7 +71,7 @@ def parse_bvh(path: Path) -> Bvh:
         Joints and motion.
 
     Raises:
-        RecordingError: If the file is cut off or is not BVH; names the line.
+        RecordingError: If the file is truncated or is not BVH; names the line.
     """
     lines = _Lines(path, read_text(path, "a BVH file"))
     lines.match("HIERARCHY", "HIERARCHY, as in a BVH file")
@@ -79,7 +79,7 @@ def parse_bvh(path: Path) -> Bvh:
     try:
         _add_joint(lines, lines.match("ROOT (.+)", "ROOT and a name")[1], -1, joints)
     except RecursionError:
-        raise lines.error(f"{len(joints)} joints grow on each other", "a person's joints") from None
+        raise lines.error(f"{len(joints)} nested joints", "a person's joints") from None
     lines.match("MOTION", "MOTION after one ROOT")
     count = int(lines.match("Frames: 0*([1-9][0-9]{0,8})", "Frames: and their number, at least 1")[1])
     (frame_time_s,) = lines.numbers([lines.match(r"Frame Time: (\S+)", "Frame Time: and seconds")[1]])
@@ -103,14 +103,14 @@ def parse_bvh(path: Path) -> Bvh:
 
 
 def poses(bvh: Bvh, wanted: Iterable[int], frames: slice = slice(None)) -> dict[int, Pose]:
-    """Forward kinematics of some joints and of all between them and the root.
+    """Forward kinematics of some joints and their ancestors.
 
-    A position channel stands in the place of the same component of OFFSET, as in most programs.
+    A position channel replaces the same component of OFFSET, as in most programs.
 
     Args:
         bvh: The file.
         wanted: Indices of joints.
-        frames: N frames.
+        frames: Slice of N frames.
 
     Returns:
         For each joint its rotation (N of them, joint to file axes) and position, shape (N, 3), file units.
@@ -139,7 +139,7 @@ def poses(bvh: Bvh, wanted: Iterable[int], frames: slice = slice(None)) -> dict[
 
 
 class _Lines:
-    """The file's lines that are not blank, split into words, braces apart."""
+    """Non-blank lines of the file, split into words; braces are separate lines."""
 
     def __init__(self, path: Path, text: str) -> None:
         self._path, self.number = path, 0
@@ -154,7 +154,7 @@ class _Lines:
 
     def next(self, expected: str) -> list[str]:
         if self.at_end:
-            raise self.error("the file ends here (cut off?)", expected)
+            raise self.error("the file ends here (truncated?)", expected)
         self.number, words = self._lines[self._next]
         self._next += 1
         return words
@@ -183,7 +183,7 @@ class _Lines:
 
 
 def _add_joint(lines: _Lines, name: str, parent: int, joints: list[Joint]) -> None:
-    """Read a joint from its opening to its closing brace, with all that grow on it."""
+    """Read a joint and its descendants, from its opening to its closing brace."""
     lines.match(r"\{", f"the opening brace of joint {name!r}")
     index, joint = len(joints), Joint(name, parent, lines.offset())
     joint.first_channel = sum(len(other.channels) for other in joints)

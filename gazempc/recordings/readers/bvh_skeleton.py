@@ -18,18 +18,18 @@ _SIDES = {"left": "left", "l": "left", "lft": "left", "right": "right", "r": "ri
 # Exporters' prefixes of names: Mixamo, and bones of Blender's Rigify.
 _PREFIX = re.compile(r"^(mixamorig\d*|(DEF|ORG|MCH)-)")
 _TIP_WORDS = {"end", "top", "tip", "nub"}
-# Exporters lay the rest pose along the file's axes; a direction nearer than 30 degrees to one is meant to be
-# that axis (a neck leans forward, measured hips are not quite level).
+# Rest poses are aligned with the file's axes; a direction within 30 degrees of one is snapped to it (necks lean
+# forward, measured hips are not quite level).
 _SNAP_COSINE = np.cos(np.radians(30.0))
-# Ends of one head (jaw and crown) are nearer to each other than this share of the way from the root.
-_ALIKE = 0.15
-# Share of the size of a figure: sides are farther apart, and a joint is nearer to the mirror image of its twin.
-_APART = 0.02
-# A leg that stands is longer than this share of the distance from hips to head.
+# Largest relative difference in distance from the root between ends of one head (jaw and crown).
+_SAME_HEAD = 0.15
+# Tolerance of mirror symmetry, relative to the size of the skeleton.
+_MIRROR_TOLERANCE = 0.02
+# Minimum length of standing legs, relative to the distance from hips to head.
 _LEGS = 0.5
-# Share of the hips in the height of a skeleton that stands; people's is 0.5 to 0.6.
-_HIPS_AT = (0.4, 0.7)
-# A foot has at least this share of its length across up.
+# Range of the hips' height relative to a standing skeleton's; people's is 0.5 to 0.6.
+_HIPS_RANGE = (0.4, 0.7)
+# Minimum horizontal share of a foot's length.
 _FOOT_ACROSS = 0.4
 # Feet more than 120 degrees from the facing by names contradict it.
 _CONTRADICTION = -0.5
@@ -44,7 +44,7 @@ class Skeleton:
         hips: Index of the hips' joint.
         pairs: Joints of the two sides; left and right where `sides_named`.
         sides_named: Whether names distinguish left from right.
-        head_by: Origin of the head where its name did not decide; else empty.
+        head_by: How the head was found if not by name; else empty.
     """
 
     head: int
@@ -59,9 +59,9 @@ def find_skeleton(path: Path, joints: list[Joint], wanted_head: str | None, want
 
     Args:
         path: File, for messages.
-        joints: All of them.
-        wanted_head: Name of the head's joint; None: by name, else the far end of the body's middle.
-        wanted_hips: Name of the hips' joint; None: by name, else the joint where the legs part, else the root.
+        joints: All joints.
+        wanted_head: Name of the head's joint; None: by name, else the far end of the central chain.
+        wanted_hips: Name of the hips' joint; None: by name, else the common ancestor of the legs, else the root.
 
     Returns:
         The skeleton.
@@ -76,9 +76,9 @@ def find_skeleton(path: Path, joints: list[Joint], wanted_head: str | None, want
         named = _named(joints, ("head",))
         heads = [k for k in named if not set(_to_root(joints, k)[1:]) & set(named)]
     if not heads:
-        heads, head_by = _middle_end(joints, pairs), "far end of the body's middle"
+        heads, head_by = _middle_end(joints, pairs), "far end of the central chain"
     if len(heads) != 1:
-        problem = f"{_names(joints, heads)} may be the head" if heads else "no joint that may be the head"
+        problem = f"several candidates for the head: {_names(joints, heads)}" if heads else "no candidate for the head"
         raise RecordingError(path, "HIERARCHY", problem, f"the option bvh_head_joint, one of {_names(joints)}")
     hips = _wanted(path, joints, wanted_hips, "bvh_hips_joint") or _named(joints, ("hips", "hip", "pelvis"))
     return Skeleton(heads[0], (hips or [_parting(joints, pairs, heads[0])])[0], pairs, bool(by_name), head_by)
@@ -105,7 +105,7 @@ def stands_at_rest(joints: list[Joint], hips: int, up: FloatArray) -> bool:
     """Whether the rest pose stands: hips at about half the height along a unit vector in the file's axes."""
     heights = rest_positions(joints) @ up
     share = (heights[hips] - heights.min()) / max(float(np.ptp(heights)), 1e-9)
-    return bool(_HIPS_AT[0] < share < _HIPS_AT[1])
+    return bool(_HIPS_RANGE[0] < share < _HIPS_RANGE[1])
 
 
 def person_axes(
@@ -118,7 +118,7 @@ def person_axes(
 
     Args:
         path: File, for messages.
-        joints: All of them.
+        joints: All joints.
         skeleton: Head, hips and sides.
         wanted: Axis that the person faces at rest; None: inferred.
         travel: Direction of travel in the rest pose's axes, shape (3,); None without a walk.
@@ -151,12 +151,12 @@ def person_axes(
         # The line between the sides is more precise, but has two directions.
         ahead = hint if by_sides is None else by_sides * np.sign(hint @ by_sides)
     else:
-        problem = f"no pairs of left and right joints, no feet and no walk show the facing in {_names(joints)}"
+        problem = f"no pairs of left and right joints, no feet and no walk determine the facing in {_names(joints)}"
         expected = f"joints such as LeftUpLeg and RightUpLeg at the person's two sides, or {option}"
         raise RecordingError(path, "HIERARCHY", problem, expected)
     forward = _along_axis(ahead - (ahead @ up) * up)
     if forward is None:
-        problem = f"the person faces {axis_name(up)}, the direction of the head"
+        problem = f"the facing {axis_name(up)} is the direction of the head"
         raise RecordingError(path, "HIERARCHY", problem, f"another axis: {option}")
     forward -= (forward @ up) * up
     forward /= np.linalg.norm(forward)
@@ -173,7 +173,7 @@ def _pairs(joints: list[Joint]) -> Pairs:
     """Pairs of a left joint and its right twin, by their names.
 
     Names have a word or a letter for the side (LeftUpLeg, lThigh, thigh.L), or else differ in l and r at the beginning
-    or the end (lfemur and rfemur, as CMU has them).
+    or the end (lfemur and rfemur in CMU's files).
     """
     sides: dict[tuple[str, ...], dict[str, int]] = {}
     for index, joint in enumerate(joints):
@@ -208,7 +208,7 @@ def _words(name: str) -> tuple[str, ...]:
 
 
 def _named(joints: list[Joint], names: tuple[str, ...]) -> list[int]:
-    """Joints of one of these names, or else those whose last word it is (Bip01 Head), but not of one side."""
+    """Joints with one of these names, else with it as last word (Bip01 Head) and of neither side."""
     split = [_words(joint.name) for joint in joints]
     whole = [[k for k, those in enumerate(split) if "".join(those) == name] for name in names]
     last = [[k for k, those in enumerate(split) if those[-1:] == (n,) and not set(those) & set(_SIDES)] for n in names]
@@ -224,9 +224,9 @@ def _to_root(joints: list[Joint], index: int) -> list[int]:
 
 
 def _mirrored(joints: list[Joint]) -> Pairs:
-    """Pairs of joints at mirrored places of the rest pose, left and right undetermined; of the best of three planes."""
+    """Pairs of mirrored joints in the rest pose about the best of three planes; left and right undetermined."""
     rest = rest_positions(joints)
-    near = _APART * float(np.ptp(rest, axis=0).max())
+    near = _MIRROR_TOLERANCE * float(np.ptp(rest, axis=0).max())
     found: list[Pairs] = []
     for axis in range(3):
         distances, twins = map(np.asarray, KDTree(rest * np.where(np.arange(3) == axis, -1.0, 1.0)).query(rest))
@@ -236,25 +236,25 @@ def _mirrored(joints: list[Joint]) -> Pairs:
 
 
 def _middle_end(joints: list[Joint], pairs: Pairs) -> list[int]:
-    """Head of a figure with two sides: the far end of its middle; several where equally plausible."""
+    """Head of a symmetric skeleton: the far end of its central chain; several if equally plausible."""
     of_sides = {index for pair in pairs for index in pair}
     length, middle = np.zeros(len(joints)), [True] * len(joints)
     for index, joint in enumerate(joints[1:], start=1):
         length[index] = length[joint.parent] + np.linalg.norm(joint.offset)
         middle[index] = middle[joint.parent] and index not in of_sides
-    grown_on = {joint.parent for joint, is_middle in zip(joints, middle, strict=True) if is_middle}
-    leaves = [k for k, is_middle in enumerate(middle) if is_middle and k not in grown_on]
+    parents = {joint.parent for joint, is_middle in zip(joints, middle, strict=True) if is_middle}
+    leaves = [k for k, is_middle in enumerate(middle) if is_middle and k not in parents]
     far = max(length[leaf] for leaf in leaves)
     if not pairs or far == 0.0:
         return []
-    ends = [leaf for leaf in leaves if length[leaf] > (1.0 - _ALIKE) * far]
-    # Jaw and crown grow on the head; ends that part far below it are two heads.
+    ends = [leaf for leaf in leaves if length[leaf] > (1.0 - _SAME_HEAD) * far]
+    # Jaw and crown are children of the head; ends that branch far below it are two heads.
     parting = _common(joints, ends)
-    return [parting] if length[parting] > (1.0 - 2.0 * _ALIKE) * far else ends
+    return [parting] if length[parting] > (1.0 - 2.0 * _SAME_HEAD) * far else ends
 
 
 def _parting(joints: list[Joint], pairs: Pairs, head: int) -> int:
-    """The first joint up from the feet that head and both legs grow on; the root of a figure without sides."""
+    """Lowest common ancestor of head and both feet; the root of a skeleton without sides."""
     rest = rest_positions(joints)
     away = rest - rest[head]
     feet = max(pairs, key=lambda pair: float(np.linalg.norm(away[pair[0]] + away[pair[1]])), default=(0, 0))
@@ -262,16 +262,16 @@ def _parting(joints: list[Joint], pairs: Pairs, head: int) -> int:
 
 
 def _feet(joints: list[Joint], skeleton: Skeleton, to_head: FloatArray) -> FloatArray | None:
-    """Direction of the feet across up at rest, shape (3,), file units; None without feet that stand and agree."""
+    """Horizontal direction of the feet at rest, shape (3,), file units; None if legs are folded or feet disagree."""
     rest, trunk = rest_positions(joints), float(np.linalg.norm(to_head))
     up = to_head / trunk
     below = [float((rest[a] + rest[b] - 2.0 * rest[skeleton.hips]) @ up) / 2.0 for a, b in skeleton.pairs]
-    # Folded legs, as in some rest poses, do not stand.
+    # Some rest poses have folded legs.
     if min(below, default=0.0) > -_LEGS * trunk:
         return None
     ahead, length = np.zeros(3), 0.0
     for index in skeleton.pairs[int(np.argmin(below))]:
-        # The last bone is the foot's or the toes', and so is the one before it if it lies across up.
+        # The last bone is the foot's or the toes'; so is the one before it, if horizontal.
         for bone in (joints[index].offset, joints[index].end_offset):
             across = np.zeros(3) if bone is None else bone - (bone @ up) * up
             if bone is not None and np.linalg.norm(across) > _FOOT_ACROSS * np.linalg.norm(bone):
@@ -281,7 +281,7 @@ def _feet(joints: list[Joint], skeleton: Skeleton, to_head: FloatArray) -> Float
 
 
 def _common(joints: list[Joint], of: list[int]) -> int:
-    """The last joint that all of some joints grow on, or are."""
+    """Lowest common ancestor of some joints, possibly one of them."""
     ways = [_to_root(joints, index) for index in of]
     shared = set(ways[0]).intersection(*ways[1:])
     return next(index for index in ways[0] if index in shared)

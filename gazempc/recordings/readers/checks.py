@@ -1,6 +1,6 @@
-"""Checks of a recording, shared by all readers, and the recording made of a checked track.
+"""Plausibility checks of recordings, shared by all readers, and construction of a recording.
 
-Each error names the file, the place in it, the problem and what is accepted. A `place` function turns the index of a
+Each error names the file, the place in it, the problem and the accepted values. A `place` function turns the index of a
 frame into its place in the file, such as ``row 17`` (a line of a table) or ``frame 12``.
 """
 
@@ -21,16 +21,16 @@ from gazempc.types import BoolArray, FloatArray
 Place = Callable[[int], str]
 
 MIN_FRAMES = 4
-MIN_SEEN_FRAMES = 5  # of a track that is smoothed: the spline needs as many
+MIN_SEEN_FRAMES = 5  # minimum for the smoothing spline
 QUATERNION_NORM_TOLERANCE = 1e-2
 MAX_MAGNITUDE = 1e9  # larger values are damage, and their squares would overflow
-# Longer than any walk before a robot; its replay takes an hour, too.
+# Longer than any walk before a robot; a replay takes an hour.
 MOST_DURATION_S = 3600.0
 # Longest gap within one walk.
 MOST_GAP_S = 60.0
 # No sensor of a robot detects a head from farther away.
 MOST_RANGE_M = 100.0
-# In a frame of the floor the robot is placed beside the walk; across a campus is far enough.
+# For frames fixed to the floor: extent of a campus.
 MOST_EXTENT_M = 1000.0
 HEAD_TO_PELVIS_RANGE_M = (0.3, 1.1)
 _FRAME_INTERVAL_RANGE_S = (1.0 / 1000.0, 1.0)
@@ -53,9 +53,9 @@ def recording_of(
     note: str = "",
     notes: Sequence[str] = (),
 ) -> Recording:
-    """Check a track that was read from a file, and make the recording.
+    """Check a track read from a file, and build the recording.
 
-    Where the track is a tracker's own, the truth is the track with its positions smoothed without lag.
+    For a track measured by a tracker, the truth is this track with positions smoothed without lag.
 
     Args:
         path: The file.
@@ -65,7 +65,7 @@ def recording_of(
         has_robot: Whether the frame's origin is the robot's sensor.
         place: Place of a frame in the file.
         note: The format's units, and options that change the reading, for messages.
-        notes: What was inferred and left out.
+        notes: Notes on inferred and omitted data.
 
     Returns:
         The recording, named after the file, with the labels of the index file beside it.
@@ -99,7 +99,7 @@ def check_motion(
     note: str = "",
     fewest: int = MIN_FRAMES,
 ) -> None:
-    """Refuse a track that is too short, has damaged times or another unit or axis, or cannot be of one walk.
+    """Check length, time stamps, units, vertical axis and plausibility of a track.
 
     Args:
         source: File, or name of the recording.
@@ -128,7 +128,7 @@ def check_motion(
 
 
 def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place: Place) -> None:
-    """Refuse NaN, infinite and absurdly large values.
+    """Reject NaN, infinite and implausibly large values.
 
     Args:
         source: File that was read.
@@ -137,7 +137,7 @@ def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place
         place: Place of a frame in the file.
 
     Raises:
-        RecordingError: Names the first such value's place and column.
+        RecordingError: Names place and column of the first such value.
     """
     bad = ~(np.abs(values) <= MAX_MAGNITUDE)
     if bad.any():
@@ -147,7 +147,7 @@ def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place
 
 
 def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
-    """Refuse time stamps that repeat, go backwards or are not finite.
+    """Reject time stamps that repeat, go backwards or are not finite.
 
     Args:
         source: File that was read.
@@ -171,7 +171,7 @@ def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
 
 
 def check_unit_quaternions(source: Path, quat_wxyz: FloatArray, columns: str, place: Place) -> None:
-    """Refuse orientations that are not unit quaternions (to 1 %).
+    """Reject orientations that are not unit quaternions (to 1 %).
 
     Args:
         source: File that was read.
@@ -191,7 +191,7 @@ def check_unit_quaternions(source: Path, quat_wxyz: FloatArray, columns: str, pl
 
 
 def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArray, at_sensor: bool) -> None:
-    """Check duration of the recording and distance of people.
+    """Check duration, gaps and distances of a recording.
 
     Args:
         source: File, for messages.
@@ -200,7 +200,7 @@ def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArr
         at_sensor: Whether the frame's origin is the robot's sensor.
 
     Raises:
-        RecordingError: Names the time, and what is accepted.
+        RecordingError: Names the time and the accepted values.
     """
     since_s, steps_s = times_s - times_s[0], np.diff(times_s, prepend=times_s[0])
     after = int(np.argmax(steps_s))
@@ -234,7 +234,7 @@ def _check_frame_interval(source: Path, times_s: FloatArray, note: str) -> None:
 
 
 def _check_body(source: Path, from_pelvis_m: FloatArray, note: str) -> None:
-    """Refuse a wrong unit by the distance from pelvis to head, and a person who is not upright; shape (N, 3)."""
+    """Reject a wrong unit by the distance from pelvis to head, and a person who is not upright; shape (N, 3)."""
     distance_m, (low_m, high_m) = float(np.median(np.linalg.norm(from_pelvis_m, axis=1))), HEAD_TO_PELVIS_RANGE_M
     if not low_m <= distance_m <= high_m:
         hint = _likely_unit(distance_m, "metres", _LENGTHS_M, HEAD_TO_PELVIS_RANGE_M, _TYPICAL_HEAD_TO_PELVIS_M)
@@ -243,12 +243,12 @@ def _check_body(source: Path, from_pelvis_m: FloatArray, note: str) -> None:
         raise RecordingError(source, "positions", problem, expected)
     x_m, y_m, z_m = np.median(from_pelvis_m, axis=0)
     if z_m < 0.5 * np.linalg.norm((x_m, y_m, z_m)):
-        problem = f"z does not point up: from pelvis to head is ({x_m:.2f}, {y_m:.2f}, {z_m:.2f}) m (median)"
+        problem = f"z does not point up: the vector from pelvis to head is ({x_m:.2f}, {y_m:.2f}, {z_m:.2f}) m (median)"
         raise RecordingError(source, "positions", problem, f"metres with z up and the person upright{note}")
 
 
 def _check_head_travel(source: Path, times_s: FloatArray, head_position_m: FloatArray) -> None:
-    """Check the speed, as evidence of the unit without a pelvis; inconclusive for a standing person."""
+    """Check unit and vertical axis by the head's speed, without a pelvis; inconclusive for a standing person."""
     after = np.minimum(np.searchsorted(times_s, times_s + _TRAVEL_S), len(times_s) - 1)
     moved = after > np.arange(len(times_s))
     way_m = np.linalg.norm(head_position_m[after] - head_position_m, axis=1)[moved]
@@ -267,14 +267,14 @@ def _check_head_travel(source: Path, times_s: FloatArray, head_position_m: Float
 def _likely_unit(
     value: float, unit: str, sizes: Mapping[str, float], accepted: tuple[float, float], typical: float
 ) -> str:
-    """The unit that makes a value plausible, and its factor, as the end of a message; empty if none does."""
+    """End of a message: the unit that makes a value plausible, and its factor; empty if there is none."""
     found = {name: value * size for name, size in sizes.items() if accepted[0] <= value * size <= accepted[1]}
     if not found:
         return ""
     likely = min(found, key=lambda name: abs(np.log(found[name] / typical)))
     size = sizes[likely]
     factor = f"{1.0 / size:.4g}" if size <= 1.0 else f"1/{size:.4g}"
-    return f": looks like {likely} where {unit} belong, a factor of {factor}"
+    return f": looks like {likely} instead of {unit}, a factor of {factor}"
 
 
 def _smoothed(path: Path, times_s: FloatArray, track: Track) -> Track:
@@ -289,7 +289,7 @@ def _smoothed(path: Path, times_s: FloatArray, track: Track) -> Track:
 
 
 def _spline(path: Path, times_s: FloatArray, position_m: FloatArray, seen: BoolArray) -> FloatArray:
-    """Cubic smoothing spline, its strength by generalised cross-validation; shape (N, 3), NaN where not seen."""
+    """Cubic smoothing spline, regularised by generalised cross-validation; shape (N, 3), NaN where not seen."""
     smooth_m = np.full_like(position_m, np.nan)
     # In units of the frame interval the spline's equations are well scaled at any frame rate.
     knots = times_s[seen] / np.median(np.diff(times_s))
@@ -298,5 +298,5 @@ def _spline(path: Path, times_s: FloatArray, position_m: FloatArray, seen: BoolA
             smooth_m[seen, axis] = make_smoothing_spline(knots, position_m[seen, axis])(knots)
     except (ValueError, np.linalg.LinAlgError) as error:
         problem = f"the track cannot be smoothed ({error})"
-        raise RecordingError(path, "time stamps", problem, "frames at a steady rate") from None
+        raise RecordingError(path, "time stamps", problem, "frames at a constant rate") from None
     return smooth_m

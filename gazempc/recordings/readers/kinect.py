@@ -1,10 +1,10 @@
 """Recordings from Azure Kinect Body Tracking: `offline_processor` JSON.
 
-The file's frame is the depth camera's (x right, y down, z forward; millimetres); a joint's own axes are +X
-up, +Y where the person faces, +Z to the person's left. Both are turned to this package's: x forward, y left,
-z up. The joints' axes are nowhere documented, so they are checked against the face at load.
+The file's frame is the depth camera's (x right, y down, z forward; millimetres); a joint's own axes are +X up, +Y
+forward, +Z to the person's left. Both are rotated to this package's: x forward, y left, z up. The joints' axes are
+undocumented; loading checks them against the face.
 
-Frames are counted from 0, as they stand in the file's list ``frames``.
+Frame numbers are indices of the file's list ``frames``, from 0.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class _File(BaseModel, strict=True):
 
 
 def is_kinect(path: Path) -> bool:
-    """Whether a file of JSON begins as a body tracking file does, and not as a list of other files.
+    """Whether a JSON file begins like a body tracking file.
 
     Args:
         path: The file.
@@ -73,8 +73,8 @@ def is_kinect(path: Path) -> bool:
 def read_kinect(path: Path, options: ReadOptions) -> Recording:
     """Read a body tracking file.
 
-    The robot's frame is the depth camera's place, turned level: x forward, y left, z up. Time is 0 at the
-    body's first sighting; frames between sightings are kept as not valid.
+    The robot's frame is the depth camera's, levelled: x forward, y left, z up. Time is 0 at the
+    body's first sighting; later frames without the body are kept as not valid.
 
     Args:
         path: File to read.
@@ -84,7 +84,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
         The recording, with the robot in its frame's origin.
 
     Raises:
-        RecordingError: If the file is not such JSON, the body is not in it, the values are damaged or in
+        RecordingError: If the file is not such JSON, the body is missing, the values are damaged or in
             other units, or the head's axes disagree with the face.
     """
     file = _parse(path)
@@ -104,7 +104,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     quats = _joints(path, file.joint_names, "joint_orientations", [body.joint_orientations for body in tracked], place)
     for name, values in quats.items():
         check_unit_quaternions(path, values, f"{name} joint_orientations (w,x,y,z)", place)
-    # Looking up is a negative turn about +y (left), as a positive one takes x to -z.
+    # Pitch up is a negative rotation about +y (left), as a positive one takes x to -z.
     level = Rotation.from_euler("y", -options.kinect_camera_pitch_deg, degrees=True)
     level *= Rotation.from_matrix(_LEVEL_FROM_CAMERA)
     head = options.kinect_head_joint.upper()
@@ -126,7 +126,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
 def _parse(path: Path) -> _File:
     text = read_text(path, _FORMAT)
     if (found := text.count("[") + text.count("{")) > _MOST_LISTS:
-        raise RecordingError(path, "", f"not JSON of frames: {found} lists and objects", f"{_MOST_LISTS} at most")
+        raise RecordingError(path, "", f"too many lists and objects: {found}", f"{_MOST_LISTS} at most")
     try:
         file = _File.model_validate_json(text)
     except ValidationError as error:
@@ -148,7 +148,7 @@ def _bodies(path: Path, index: int, frame: _Frame) -> dict[int, _Body]:
 
 
 def _choose(path: Path, bodies: list[dict[int, _Body]], body_id: int | None) -> int:
-    """Id of the body to read: the wanted one, or the one in most frames (of several, the lowest id)."""
+    """Id of the body to read: the requested one, else the one in most frames (of several, the lowest id)."""
     counts = Counter(seen_id for found in bodies for seen_id in found)
     if not counts:
         raise RecordingError(path, "frames", f"no body in any of {len(bodies)} frames", "a tracked body")
@@ -167,7 +167,7 @@ def _joints(
     for row, entries in enumerate(frames):
         if len(entries) != len(names):
             problem = f"{len(entries)} {field} for {len(names)} joint_names"
-            raise RecordingError(path, place(row), problem, f"{len(names)} {field}, one a joint")
+            raise RecordingError(path, place(row), problem, f"{len(names)} {field}, one per joint")
     found, axes = {}, "xyz" if field == "joint_positions" else "wxyz"
     for joint in JOINTS:
         column = names.index(joint)
@@ -177,7 +177,7 @@ def _joints(
 
 
 def _check_head_axes(path: Path, joint: str, head: Rotation, face: FloatArray) -> None:
-    """Refuse a head whose axes are over 60 degrees (median) from the face, nose minus ears, and from up."""
+    """Reject a head whose axes are over 60 degrees (median) from the face, nose minus ears, and from up."""
     forward_deg = _median_angle_deg(head.apply([1.0, 0.0, 0.0]), face)
     up_deg = _median_angle_deg(head.apply([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 1.0]]))
     if max(forward_deg, up_deg) >= _MAX_AXIS_ERROR_DEG:

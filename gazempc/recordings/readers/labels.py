@@ -18,8 +18,8 @@ Group = Literal["standing", "straight", "turn", "sharp"]
 STANDING = "standing"
 ROUTES = ("straight", "turn", "sharp")
 SPOT_RADIUS_M = 0.7
-"""A step, 0.6-0.75 m long in walking adults. Of people who stand, the one who directs traffic moves most: 0.67 m
-without a pause (motion capture). Of 152 pedestrians who start, the least moves on by 0.9 m."""
+"""Length of a step; 0.6-0.75 m in walking adults. Largest displacement of a standing person without a pause: 0.67 m
+(directing traffic, motion capture). Smallest of 152 starting pedestrians: 0.9 m."""
 START_SPEED_M_S = 0.3
 START_LASTS_S = 0.5
 
@@ -27,10 +27,10 @@ _TURN_FROM_DEG = 20.0
 _SHARP_FROM_DEG = 75.0
 _MIN_SPEED_M_S = 0.2
 # Gait sways the pelvis sideways about once a second. A Gaussian of 0.45 s (s.d.) leaves under 2 % of that
-# and reproduces the published groups of all 64 reference walks; 0.4 s and less lets sway count as turning.
+# and reproduces the published groups of all 64 reference walks; at 0.4 s and less, sway is classified as turning.
 _SMOOTHING_S = 0.45
-# Window of the central difference that gives the speed. Trackers' jumps of 0.1 m from frame to frame would be starts
-# over a frame; over 0.3 s they are not.
+# Window of the central difference for the speed: over one frame, a jump of 0.1 m would be a speed of 3 m/s, over
+# 0.3 s it is 0.33 m/s, and the required duration and distance of a start exclude it.
 _SPEED_WINDOW_S = 0.3
 _GRID_STEP_S = 1.0 / 30.0
 _MAX_GRID_POINTS = 100_000
@@ -41,7 +41,7 @@ class Travel(NamedTuple):
 
     Attributes:
         start_s: Start of motion, seconds; NaN where there is none.
-        leaves: Whether the person is elsewhere than on one spot at any time.
+        leaves: Whether the person leaves the spot at any time.
     """
 
     start_s: float
@@ -51,14 +51,14 @@ class Travel(NamedTuple):
 def travel(times_s: FloatArray, position_m: FloatArray) -> Travel:
     """Whether a person leaves the spot, and the start of motion.
 
-    The person moves while the horizontal speed is over 0.3 m/s for 0.5 s or longer and takes the position on by more
-    than a step (0.7 m): a lean or a turn on the spot is no motion in this sense. The start of motion is the beginning
-    of the first such stretch that follows at least 0.5 s of rest, which shorter stretches do not interrupt. A person
-    leaves the spot who moves, or who is at any time more than a step from the median position.
+    The person moves while the horizontal speed is over 0.3 m/s for 0.5 s or longer and the displacement exceeds a step
+    (0.7 m); leans and turns on the spot do not count. The start of motion is the beginning of the first such interval
+    after at least 0.5 s of rest, which shorter intervals do not interrupt. A person leaves the spot who moves, or who
+    is at any time more than a step from the median position.
 
     Args:
         times_s: Shape (N,), seconds, strictly increasing.
-        position_m: Of head or pelvis, shape (N, 3), metres, z up; rows with NaN are left out.
+        position_m: Positions of head or pelvis, shape (N, 3), metres, z up; rows with NaN are left out.
 
     Returns:
         The start, and whether the person leaves the spot.
@@ -88,13 +88,13 @@ def route_group(times_s: FloatArray, position_m: FloatArray) -> Group:
     """Group of a recording by its motion.
 
     A person who does not leave the spot (`travel`) is standing. Otherwise the range of the direction of travel
-    decides: under 20 degrees is straight, over 75 sharp, between them a turn. Moments slower than 0.2 m/s have no
-    direction and do not count.
+    determines the group: under 20 degrees is straight, over 75 sharp, between them a turn. Samples slower than 0.2 m/s
+    are excluded.
 
     Args:
         times_s: Shape (N,), seconds, strictly increasing.
-        position_m: Of the pelvis, which sways less, or of the head; shape (N, 3), metres, z up; rows with NaN are
-            left out.
+        position_m: Positions of the pelvis, which sways less, or of the head; shape (N, 3), metres, z up; rows with NaN
+            are left out.
 
     Returns:
         The group's name.
@@ -108,12 +108,12 @@ def route_group(times_s: FloatArray, position_m: FloatArray) -> Group:
 
 
 def travel_direction_range_deg(times_s: FloatArray, position_m: FloatArray) -> float:
-    """Range of the direction of travel after smoothing, in degrees; 0 where the person never walks.
+    """Range of the direction of travel after smoothing, in degrees; 0 if the person never walks.
 
     Args:
         times_s: Shape (N,), seconds, strictly increasing.
-        position_m: Of the pelvis, which sways less, or of the head; shape (N, 3), metres, z up; rows with NaN are
-            left out.
+        position_m: Positions of the pelvis, which sways less, or of the head; shape (N, 3), metres, z up; rows with NaN
+            are left out.
 
     Returns:
         Largest minus smallest direction of travel (unwrapped), degrees.
@@ -132,9 +132,9 @@ def travel_direction_range_deg(times_s: FloatArray, position_m: FloatArray) -> f
 
 
 def _on_grid(times_s: FloatArray, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Times, shape (G,), and horizontal positions, (G, 2), on a regular grid; as they are below two known rows.
+    """Times, shape (G,), and horizontal positions, (G, 2), on a regular grid; unchanged for fewer than two known rows.
 
-    A regular grid makes filters mean the same at any frame rate and across gaps.
+    On a regular grid, filters are independent of frame rate and gaps.
     """
     seen = np.isfinite(position_m).all(axis=1)
     times_s, path_m = times_s[seen], position_m[seen, :2]
@@ -147,18 +147,18 @@ def _on_grid(times_s: FloatArray, position_m: FloatArray) -> tuple[FloatArray, F
 
 _INDEX_NAME = "index.csv"
 _INDEX_COLUMNS = {"clip", "subject", "group"}
-# Activities of people who stay where they are, whatever route an index states.
+# Activities in one place, regardless of the route in an index.
 _STAYING = frozenset({"standing", "sitting", "waiting"})
 
 
 def labels_for(path: Path, times_s: FloatArray, path_m: FloatArray) -> Labels:
     """Find a recording's labels.
 
-    A file ``index.csv`` in the same folder with the columns clip, subject, group and, if it likes, kind and
-    source_description wins for the clips it names. Otherwise the subject is the file's name up to the first
-    underscore and the group follows from the motion. The group is ``standing`` where the activity is standing, sitting
-    or waiting, or, without an activity, where the person does not leave the spot; a route stated in the index does not
-    change that, a group of the user's own does.
+    A file ``index.csv`` in the same folder with the columns clip, subject, group and optionally kind and
+    source_description has priority for its clips. Otherwise the subject is the file's name up to the first underscore
+    and the group follows from the motion. The group is ``standing`` where the activity is standing, sitting or waiting,
+    or, without an activity, where the person does not leave the spot; this overrides a route in the index, but not the
+    user's own groups.
 
     Args:
         path: The recording's file.
@@ -189,9 +189,9 @@ def _group(stated: str | None, activity: str | None, times_s: FloatArray, path_m
 
 
 def _index_row(path: Path) -> dict[str, str]:
-    """Row of the index about this clip; empty where there is no index or it does not name the clip.
+    """Row of the index for this clip; empty if there is none.
 
-    A damaged or unrelated ``index.csv`` must not keep a sound recording from being read, so it is ignored.
+    A damaged or unrelated ``index.csv`` is ignored, so that the recording can still be read.
     """
     try:
         text = read_limited(path.with_name(_INDEX_NAME), MOST_TEXT_BYTES).decode("utf-8-sig", errors="replace")

@@ -23,28 +23,28 @@ class ReadOptions(BaseModel):
         default=None, description="TOML file with the meaning of the columns; default: the file beside the table"
     )
     guess: Annotated[bool, tyro.conf.arg(aliases=["--guess"])] = Field(
-        default=False, description="Guess the meaning of the columns, and print the guess"
+        default=False, description="Infer the meaning of the columns, and print it"
     )
     person: str | None = Field(
-        default=None, description="Which of several people to read; default: the person who is seen longest"
+        default=None, description="Person to read, of several; default: the person with the longest track"
     )
     kinect_body_id: int | None = Field(
         default=None, description="Body to read from a body tracking file; default: the body in most frames."
     )
     kinect_head_joint: Literal["nose", "head"] = Field(
-        default="nose", description="Joint that stands for the head: nose, or head (the base of the skull)."
+        default="nose", description="Joint used as the head: nose, or head (the base of the skull)."
     )
     kinect_camera_pitch_deg: float = Field(
         default=0.0,
         gt=-90.0,
         lt=90.0,
-        description="Pitch of the camera in degrees, positive if it looks up; makes its frame level.",
+        description="Pitch of the camera in degrees, positive upwards; levels its frame.",
     )
     bvh_unit_m: float | None = Field(
         default=None, gt=0.0, description="Metres per unit of a BVH file; default: inferred from the person's height."
     )
     bvh_frame_rate_hz: float | None = Field(
-        default=None, gt=0.0, description="Frames per second of a BVH file; default: its own Frame Time."
+        default=None, gt=0.0, description="Frames per second of a BVH file; default: from its Frame Time."
     )
     bvh_head_joint: str | None = Field(
         default=None,
@@ -61,7 +61,7 @@ class ReadOptions(BaseModel):
         "by the feet, else by the direction of travel.",
     )
     bvh_up_axis: Literal["y", "z"] | None = Field(
-        default=None, description="Axis of a BVH file that points up; default: from the hips to the head."
+        default=None, description="Up axis of a BVH file; default: from the hips to the head."
     )
     bag_topic: str | None = Field(
         default=None, description="Topic of a ROS 2 bag with the head; default: the topic with the longest track."

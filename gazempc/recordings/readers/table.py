@@ -1,9 +1,9 @@
-"""Recordings as tables: the meaning of their columns, and from a table to a recording.
+"""Reader of recordings in tables: mapping of the columns, and conversion to a recording.
 
 The package's own columns, in any order, are ``t`` (seconds) and ``head_{x,y,z}`` (metres, z up, right-handed).
 Optional are ``pelvis_{x,y,z}``, ``head_q{w,x,y,z}`` and ``pelvis_q{w,x,y,z}`` (unit quaternions; the identity faces
 +x with +y to the left). Other columns are ignored. For other tables a mapping gives the meaning of the columns: the
-user's, one saved beside the file, one that ships, or a guess.
+user's, one saved beside the file, a shipped one, or a guess.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import BoolArray
 
 FOLDER = "recordings/readers/tables/mappings"
-# Minimum share of usable rows; below it the cause is not a head out of sight.
+# Minimum share of usable rows; more unusable rows indicate wrong columns.
 _LEAST_USABLE = 0.5
-# Height of hips that the file has at the origin, of a standing person of 1.75 m; and how near the origin they must be.
+# Hips' height of a standing person of 1.75 m, for files with the hips at the origin; and tolerance of that origin.
 HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
 _FEW_ROWS = 20
 _EVERY_ROW = ":30hz"
@@ -73,19 +73,19 @@ TABLES: dict[str, Callable[[Path], RawTable]] = {
 def read_table(path: Path, options: ReadOptions) -> Recording:
     """Read a table: text, Parquet, Xsens MVN's ``.mvnx``, or a folder of OpenPose's files.
 
-    Rows without a time or a head position are dropped and counted; a part that is unknown in a row is NaN.
+    Rows without a time or a head position are dropped and counted; unknown parts of a row are NaN.
 
     Args:
-        path: The table; its ending gives the format.
+        path: The table; its ending determines the format.
         options: The user's mapping of the columns, and the person.
 
     Returns:
         The recording, with the file's own time stamps.
 
     Raises:
-        RecordingError: If the file is no table, its columns are not understood, more than half of the rows cannot be
-            used, or a check fails; rows of text are lines, from 1.
-        SettingsError: If an option is wrong, or there is no such person.
+        RecordingError: If the file is not a table, its columns have no known meaning, more than half of the rows are
+            unusable, or a check fails; rows of text are numbered by lines, from 1.
+        SettingsError: If an option is invalid, or there is no such person.
         MissingOptionalDependencyError: If the format needs a package that is not installed.
     """
     table = _raw(path)
@@ -94,53 +94,53 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
         if getattr(mapping, key) is None:
             raise RecordingError(path, "mapping", f"columns of {key} are missing", "at least t and head")
     assert mapping.head is not None
-    notes, person, who = [*table.notes, *about], options.person, ""
+    notes, person, identity = [*table.notes, *about], options.person, ""
     if PERSON in mapping.head:
         names = people_in_header(table, mapping.head)
         if not names:
             raise Columns(table).missing(f"columns for {mapping.head}")
-        who, more = choose_from_header(table, names, person)
+        identity, more = choose_from_header(table, names, person)
         notes += more
     elif person is not None and mapping.person is None:
-        raise SettingsError(f"--reading.person {person}: {path} has no column of people; give person=COLUMN")
-    columns = Columns(table, who)
+        raise SettingsError(f"--reading.person {person}: {path} has no column of person ids; add person=COLUMN")
+    columns = Columns(table, identity)
     times_s, track = read_parts(columns, mapping)
-    known, mine = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
+    known, selected = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        mine, who, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        selected, identity, more = rows_of_person(table, columns.one(mapping.person), known, person)
         notes += more
-    notes += _dropped(table, known, mine)
-    rows, frame = np.flatnonzero(known & mine), ros_frame(columns, mapping)
-    times_s, track = times_s[rows], track.rows(known & mine)
+    notes += _drop_note(table, known, selected)
+    rows, frame = np.flatnonzero(known & selected), ros_frame(columns, mapping)
+    times_s, track = times_s[rows], track.rows(known & selected)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
     if frame is not None and mapping.head_axes is None and not track.positions_only:
-        turn, note = person_axes(track.head_position_m, track.head_quat_wxyz, at_sensor, who.startswith("face_"))
+        turn, note = person_axes(track.head_position_m, track.head_quat_wxyz, at_sensor, identity.startswith("face_"))
         track = replace(track, head_quat_wxyz=turn(track.head_quat_wxyz))
         notes += [note] if note else []
     for what, field in _OPTIONAL_PARTS.items():
         unknown = int((~np.isfinite(getattr(track, field)).all(axis=1)).sum())
         if 0 < unknown < rows.size:
-            notes.append(f"{what} is not known in {unknown} of {rows.size} rows")
+            notes.append(f"{what} is unknown in {unknown} of {rows.size} rows")
     if mapping.origin == "hips" and rows.size:
         track = _lifted_from_hips(path, track)
-        note = f"positions are relative to the hips, which are put at {HIPS_HEIGHT_M} m"
-        notes.append(f"{note}: how the person walks is not in the file")
+        note = f"positions are relative to the hips, which are placed at {HIPS_HEIGHT_M} m"
+        notes.append(f"{note}: the file does not contain the walk itself")
     kind = mapping.kind or "motion capture"
     found = recording_of(
         path, times_s, track, kind, at_sensor, lambda index: table.place(int(rows[index])), notes=notes
     )
-    return found if person is None else replace(found, name="_".join([path.stem, *re.findall(r"\w+", who)]))
+    return found if person is None else replace(found, name="_".join([path.stem, *re.findall(r"\w+", identity)]))
 
 
 def remember_columns(path: Path, options: ReadOptions) -> str:
-    """Save the user's mapping of a table's columns, or a guess that was asked for, beside the table.
+    """Save the user's mapping of a table's columns, or a requested guess, beside the table.
 
     Args:
         path: The recording.
         options: Options of the readers.
 
     Returns:
-        A line for people; empty if there is nothing to save.
+        Message for the user; empty if there is nothing to save.
 
     Raises:
         RecordingError: If the table cannot be read.
@@ -157,7 +157,7 @@ def remember_columns(path: Path, options: ReadOptions) -> str:
 
 @lru_cache(maxsize=1)
 def shipped_mappings() -> dict[str, ShippedMapping]:
-    """All mappings that ship, by name, in the order in which they are tried."""
+    """All shipped mappings, by name, in the order of trial."""
     found = {name: load_spec(ShippedMapping, FOLDER, name) for name in shipped_names(FOLDER)}
     # Most specific first, by number of columns: a skeleton before a rigid body.
     return dict(sorted(found.items(), key=lambda item: -len(item[1].texts())))
@@ -188,28 +188,26 @@ def _found(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[
             return ColumnMapping.model_validate(shipped.texts()), (f"columns as in {name}: {shipped.source}", *note)
     try:
         guessed = guess(table)
-    except RecordingError:  # such as a cell that is no number
+    except RecordingError:  # such as a cell that is not a number
         guessed = None
     if guessed is None:
-        proposal = "give them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
-        proposal = f"no columns that could be the time and one head: {proposal}"
+        proposal = "name them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
+        proposal = f"no columns match a time and one head: {proposal}"
     else:
         proposed, remarks = guessed
         option = proposed.as_option()
         if options.guess:
             return proposed, (f'columns guessed: "{option}"', *remarks)
         remark = f" ({'; '.join(remarks)})" if remarks else ""
-        proposal = (
-            f'a guess: --reading.columns "{option}"{remark}; paste and correct it, or take it as it is by --guess'
-        )
+        proposal = f'a guess: --reading.columns "{option}"{remark}; paste and correct it, or accept it with --guess'
     missing = ", ".join(name for name in NEEDED if name not in table.names)
     problem = f"missing column(s) {missing}; found {shown(', '.join(table.names), 200)}"
-    expected = f"the columns {', '.join(NEEDED)}, or what the columns mean; {proposal}"
+    expected = f"the columns {', '.join(NEEDED)}, or a mapping of the columns; {proposal}"
     raise RecordingError(table.path, "header", problem, expected)
 
 
 def _shape_fits(table: RawTable, mapping: ShippedMapping) -> bool:
-    """Whether a table without a header has as many columns, with numbers, whole numbers and words where they belong."""
+    """Whether a table without a header has the mapping's number of columns and types of cells."""
     if mapping.columns is None:
         return True
     if len(table.names) != mapping.columns:
@@ -225,26 +223,26 @@ def _shape_fits(table: RawTable, mapping: ShippedMapping) -> bool:
 
 
 def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
-    """The mapping without optional parts that are not in the table; None if a needed part is not."""
+    """The mapping without missing optional parts; None if a required part is missing."""
     given = mapping.texts()
     for head in given["head"].split("|"):
         names = people_in_header(table, head) if PERSON in head else [""]
-        # Of several, each has the same columns.
+        # All people have the same columns.
         columns = Columns(table.first(_FEW_ROWS), (names or [""])[0])
-        if names and _is_there(columns, {"head": head}):
+        if names and _columns_exist(columns, {"head": head}):
             break
     else:
         return None
     found: dict[str, str | None] = {"head": head}
     for key in given.keys() & _COLUMN_KEYS:
         texts = given[key].split("|")
-        found[key] = next((text for text in texts if _is_there(columns, {"head": head, key: text})), None)
+        found[key] = next((text for text in texts if _columns_exist(columns, {"head": head, key: text})), None)
     needed = {"t", "person", *mapping.needs} & given.keys()
     return None if any(found[key] is None for key in needed) else mapping.model_copy(update=found)
 
 
-def _is_there(columns: Columns, values: dict[str, str]) -> bool:
-    """Whether the columns of a mapping are in the header; errors of their cells are raised when they are read."""
+def _columns_exist(columns: Columns, values: dict[str, str]) -> bool:
+    """Whether the columns of a mapping are in the header; invalid cells raise an error when they are read."""
     mapping = ColumnMapping.model_validate({"t": _EVERY_ROW} | values)
     try:
         read_parts(columns, mapping)
@@ -265,9 +263,9 @@ def _lifted_from_hips(path: Path, track: Track) -> Track:
     return replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m)
 
 
-def _dropped(table: RawTable, known: BoolArray, mine: BoolArray) -> list[str]:
-    """Note on rows that are left out; raises if they are too many."""
-    count, lost = int(mine.sum()), mine & ~known
+def _drop_note(table: RawTable, known: BoolArray, selected: BoolArray) -> list[str]:
+    """Note on dropped rows; raises an error if there are too many."""
+    count, lost = int(selected.sum()), selected & ~known
     if not lost.any():
         return []
     first = table.place(int(np.argmax(lost)))

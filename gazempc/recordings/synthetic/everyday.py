@@ -1,8 +1,8 @@
 """Synthetic people before the robot who mostly stand: 14 people x 5 activities, as in everyday human-robot interaction.
 
-The people, their gait, the camera and its noise are those of the synthetic walks. Each recording is made from its name
-alone. Figures without a source are marked "assumed": they are of the order of what motion capture of people who signal
-and direct traffic shows, whose heads move within 5 to 18 cm, and within 60 cm while turning.
+People, gait, camera and noise are as for the synthetic walks. Each recording is a function of its name only. Figures
+without a source are marked "assumed": they are of the order of what motion capture of people who signal and direct
+traffic shows, whose heads move within 5 to 18 cm, and within 60 cm while turning.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ _TURN_RADIUS_M = 0.20  # of the steps about the foot turned on; assumed
 _STEPS = (2.0, 3.0)
 _TO_HEADING_S = 1.5  # to turn from the robot to the direction of travel; assumed
 _WALK_S = (3.5, 4.5)
-_LONGEST_WALK_M = 3.4  # what the view holds of most directions
+_LONGEST_WALK_M = 3.4  # longest path within the view in most directions
 _WALK_HEADING_RAD = np.radians((60.0, 150.0))  # to either side of "away from the robot"; our choice
 
 
@@ -106,13 +106,13 @@ def everyday_names() -> tuple[str, ...]:
 
 
 def generate_everyday(name: str) -> Recording:
-    """Make one recording of people who stand, start and stop, always the same for the same name.
+    """Generate one recording of a person who stands, starts or stops; deterministic in its name.
 
     Args:
         name: One of `everyday_names`.
 
     Returns:
-        The person with exact truth and with what a body tracker would have measured.
+        The person with exact truth and simulated measurements of a body tracker.
     """
     subject, _, activity = name.partition("_")
     number = int(subject.removeprefix("subject"))
@@ -223,7 +223,7 @@ def _speed(
 def _moments(
     rng: np.random.Generator, times_s: FloatArray, lasts_s: tuple[float, float], pause_s: tuple[float, float]
 ) -> list[HeadingProfile]:
-    """Movements of size 1 that follow each other with pauses."""
+    """Consecutive movements of size 1 with pauses."""
     found, from_s = [], rng.uniform(0.0, pause_s[1])
     while from_s < times_s[-1]:
         length_s = rng.uniform(*lasts_s)
@@ -238,7 +238,7 @@ def _standing_sway(rng: np.random.Generator, times_s: FloatArray) -> FloatArray:
     sway_m += _DRIFT_M * np.column_stack([slow_variation(rng, times_s, _DRIFT_HZ) for _ in _SWAY_M])
     side = rng.choice([-1.0, 1.0])
     for shift in _moments(rng, times_s, _SHIFT_LASTS_S, _PAUSE_S):
-        # From one leg to the other: to and fro.
+        # From one leg to the other, alternating.
         sway_m[:, 1] += side * rng.uniform(*_SHIFT_M) * shift.heading_rad(times_s)
         side = -side
     for fidget in _moments(rng, times_s, _FIDGET_LASTS_S, _PAUSE_S):
@@ -261,7 +261,7 @@ def _gestures(rng: np.random.Generator, times_s: FloatArray) -> tuple[FloatArray
 
 
 def _turns(rng: np.random.Generator, times_s: FloatArray) -> list[HeadingProfile]:
-    """Turns there and back, until the time is over."""
+    """Turns there and back, until the end of the recording."""
     found: list[HeadingProfile] = []
     from_s, side = rng.uniform(*_TURN_PAUSE_S), rng.choice([-1.0, 1.0])
     while from_s < times_s[-1]:

@@ -1,4 +1,4 @@
-"""How a walking person's head and pelvis move about the path of travel: traits of people, and gait.
+"""Gait model: traits of people, and motion of head and pelvis about the path of travel.
 
 Figures marked "the walks" were measured on 64 motion-capture clips of the CMU database; only the figures are
 used here, none of the clips' data.
@@ -33,8 +33,8 @@ class WalkerTraits:
     """Constant traits of a person.
 
     Attributes:
-        head_height_m: Of the head above the floor.
-        head_ahead_m: Of the head before the pelvis, along the travel direction.
+        head_height_m: Height of the head above the floor.
+        head_ahead_m: Distance of the head ahead of the pelvis, along the travel direction.
         speed_m_s: Preferred walking speed over a few metres.
         step_rate_offset_hz: Difference from the step rate usual at a speed.
         sway_m: Amplitude of the head's sideways sway at the reference speed.
@@ -42,7 +42,7 @@ class WalkerTraits:
         fore_aft_m: Amplitude of the fore-aft motion.
         pelvis_yaw_swing_rad: Amplitude of the pelvis's yaw swing.
         head_lead_s: Time by which head yaw leads the travel direction in a turn of 90 deg.
-        pelvis_lead_s: The same of the pelvis's yaw.
+        pelvis_lead_s: The same for the pelvis's yaw.
         head_yaw_offset_rad: Constant yaw between the measured and the true "straight ahead" of the head.
         head_yaw_wander_rad: Standard deviation of the slow wander of head yaw.
         head_pitch_rad: Mean pitch of the head, positive nose down.
@@ -87,7 +87,7 @@ class GaitMotion:
 
 
 def bounded_normal(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
-    """Draw from a normal distribution, moved to the nearer bound where it falls outside [low, high]."""
+    """Draw from a normal distribution, clipped to [low, high]."""
     return float(np.clip(rng.normal(mean, sd), low, high))
 
 
@@ -121,7 +121,7 @@ _TRAITS: dict[str, tuple[float, float, float, float]] = {
     # Short bouts: 0.6-1.3 m/s (Carlisle & Kuo 2023), below the 0.94-1.43 of long walks (Bohannon 2011).
     "speed_m_s": (REFERENCE_SPEED_M_S, 0.17, 0.68, 1.25),
     "step_rate_offset_hz": (0.0, 0.12, -0.24, 0.24),  # the walks
-    # The walks, 30 +- 11 and 9 +- 4 mm; the spread here is what is left of it beside the effect of speed.
+    # The walks, 30 +- 11 and 9 +- 4 mm; the spread here excludes the effect of speed.
     "sway_m": (0.030, 0.0098, 0.012, 0.052),
     "bob_m": (0.0092, 0.0025, 0.005, 0.016),
     "fore_aft_m": (0.006, 0.003, 0.002, 0.012),  # the walks
@@ -138,12 +138,12 @@ _TRAITS: dict[str, tuple[float, float, float, float]] = {
 def draw_walkers(rng: np.random.Generator, count: int) -> tuple[WalkerTraits, ...]:
     """Draw people's traits from published ranges, so that few people already show the whole spread.
 
-    Each trait takes one value from each of `count` equally likely parts of its distribution, in an order of
-    its own (Latin hypercube).
+    Each trait takes one value from each of `count` equally likely parts of its distribution, in an independent order
+    (Latin hypercube).
 
     Args:
         rng: Random generator.
-        count: How many people.
+        count: Number of people.
 
     Returns:
         The people.
@@ -160,7 +160,7 @@ def step_rate_hz(walker: WalkerTraits, speed_m_s: FloatArray) -> FloatArray:
 
     Args:
         walker: Traits of the person.
-        speed_m_s: Shape (N,), metres a second.
+        speed_m_s: Shape (N,), metres per second.
 
     Returns:
         Shape (N,), hertz; twice the stride rate.
@@ -177,7 +177,7 @@ def walk_motion(
     double support, as an inverted pendulum is. It pitches down as it rises (Pozzo 1990).
 
     Args:
-        rng: Source of the phase at the start and of the variation between strides.
+        rng: Random generator of the initial phase and of the variation between strides.
         walker: Traits of the person.
         times_s: Shape (N,), seconds.
         speed_m_s: Shape (N,), smooth speed of travel.

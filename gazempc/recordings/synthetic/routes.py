@@ -16,7 +16,7 @@ ROUTE_RANGE_M = (1.1, 5.28)
 """Horizontal distance of the path from the sensor; leaves room for sway within the camera's 0.5-5.46 m."""
 ROUTE_HALF_ANGLE_RAD = np.radians(36.0)  # Azure Kinect, narrow field of view: 37.5 deg, less room for sway
 DURATION_RANGE_S = (4.6, 5.4)  # about 5 s in the paper
-LONGEST_PATH_M = 5.9  # what the view holds of a straight walk across it
+LONGEST_PATH_M = 5.9  # longest straight walk across the view
 
 PEAK_RATE_90_RAD_S = np.radians((83.0, 92.0))  # peak turn rate in turns of 90 deg; the walks
 PEAK_RATE_EXPONENT = 0.6  # of the peak turn rate over the angle: wider turns also last longer; our choice
@@ -33,7 +33,7 @@ class Route:
         description: In words.
         turn_deg: Range of the angle turned; positive to the person's left.
         heading_deg: Direction of travel at the start; 0 is away from the robot, 90 to the robot's left.
-        middle_base_m: Where the person is, x and y, in the middle of the walk or of the turn.
+        middle_base_m: Position of the person, x and y, in the middle of the walk or of the turn.
     """
 
     group: Literal["straight", "turn", "sharp"]
@@ -57,13 +57,13 @@ ROUTES = {
 
 @dataclass(frozen=True)
 class HeadingProfile:
-    """A smooth turn from one direction of travel to another, known at all times.
+    """A minimum-jerk turn between two directions of travel.
 
     Attributes:
         start_rad: Direction before the turn.
         turn_rad: Angle turned, positive to the left.
         middle_s: Time of the turn's middle.
-        duration_s: How long the turn lasts.
+        duration_s: Duration of the turn.
     """
 
     start_rad: float
@@ -123,8 +123,8 @@ def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatAr
 
     Args:
         path_m: Shape (N, 2), starts along +x, with the middle of the walk at the origin.
-        heading_rad: Wanted direction of travel at the start.
-        middle_base_m: Wanted place of the middle, shape (2,).
+        heading_rad: Desired direction of travel at the start.
+        middle_base_m: Desired position of the middle, shape (2,).
 
     Returns:
         Direction of travel at the start and place of the middle, shape (2,).
@@ -137,8 +137,8 @@ def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatAr
     ends_and_bends = path_m[np.linspace(0, len(path_m) - 1, 16).astype(int)]
     turned = ends_and_bends @ turning.transpose(0, 2, 1)
     paths = turned[:, None] + (middle_base_m + shifts)[None, :, None]
-    # A metre of shift counts as much as a radian of rotation; leaving the view counts more than any of both.
-    # Rounding makes equal efforts equal on every platform, so that the first of them is taken everywhere.
+    # A metre of shift counts as much as a radian of rotation; leaving the view outweighs both.
+    # Rounded, so that ties, and thus the first minimum, are the same on all platforms.
     effort = np.abs(rotations - heading_rad)[:, None] + np.hypot(shifts[:, 0], shifts[:, 1])[None]
     best = np.argmin(effort.round(6) + 1e3 * _misplacement(paths))
     rotation, shift = divmod(int(best), len(shifts))
@@ -148,13 +148,13 @@ def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatAr
 def walk_path(rng: np.random.Generator, walker: WalkerTraits, route: Route) -> TravelPath:
     """Draw one walk along a route.
 
-    Speed falls in the turn to 0.6-0.75 of what it was for 90 deg (the walks), and rises and falls gently at
+    Speed falls to 0.6-0.75 of the cruise speed in turns of 90 deg (the walks), and rises and falls gently at
     both ends of the clip (short bouts are inverted U's: Carlisle & Kuo 2023; Seethapathi & Srinivasan).
 
     Args:
-        rng: Source of this walk's variations.
+        rng: Random generator of this walk.
         walker: Traits of the person.
-        route: Where.
+        route: The route.
 
     Returns:
         The path, inside the camera's view.

@@ -1,8 +1,7 @@
 """Synthetic walks before the robot: 14 people on 6 routes, after the paper's experiment.
 
-The walks are made from their names alone, out of published figures for human locomotion, so that all
-experiments run without recordings of people. They are no substitute for recordings of people: results on them
-hold for motion like this model's.
+The walks are made from their names alone, out of published figures for human locomotion, so that all experiments run
+without recordings of people. They do not replace recordings of people: results hold for this model's motion only.
 
 The origin of the frame is the robot's sensor and the axis of its neck's pan, 1.2 m above the floor; x is
 forward, y left, z up.
@@ -38,7 +37,7 @@ _HEAD_TURN_SHORTENING = (0.0, 0.4)  # of the head's turn against the body's in s
 _GRAVITY_M_S2 = 9.81
 
 # Azure Kinect: random depth error up to 17 mm at 3.5 m, bias below 11 mm (Toelgyessy 2021). The random error
-# is taken to grow in proportion to the distance up to there and, for want of figures, to stay so beyond.
+# is taken to grow in proportion to the distance up to there and, without published figures, to be constant beyond.
 _DEPTH_NOISE_M = 0.017
 _DEPTH_NOISE_DISTANCE_M = 3.5
 _DEPTH_BIAS_M = 0.011
@@ -53,18 +52,18 @@ def synthetic_names() -> tuple[str, ...]:
 
 
 def generate(name: str) -> Recording:
-    """Make one recording of the synthetic data set, always the same for the same name.
+    """Generate one recording of the synthetic data set; deterministic in its name.
 
     Args:
         name: One of `synthetic_names`.
 
     Returns:
-        The walk with exact truth and with what a body tracker would have measured.
+        The walk with exact truth and simulated measurements of a body tracker.
     """
     subject, route_name = name.split("_")
     number, route_number = int(subject.removeprefix("subject")), int(route_name.removeprefix("R"))
     route = ROUTES[route_name]
-    # Separate streams, so that a change of the noise leaves the motion as it was.
+    # Separate streams, so that a change of the noise does not change the motion.
     people_rng = np.random.default_rng(DATASET_SEED)
     motion_rng = np.random.default_rng([DATASET_SEED, number, route_number, 1])
     noise_rng = np.random.default_rng([DATASET_SEED, number, route_number, 2])
@@ -79,13 +78,13 @@ def generate(name: str) -> Recording:
 def synthetic(
     name: str, times_s: FloatArray, truth: Track, noise_rng: np.random.Generator, labels: Labels
 ) -> Recording:
-    """A recording of exact truth, with what a body tracker in the origin of the frame would have measured."""
+    """A recording of exact truth, with simulated measurements of a body tracker at the origin of the frame."""
     measured = measured_track(noise_rng, truth)
     return Recording(name, "synthetic", "synthetic", times_s, truth, measured, has_robot=True, labels=labels)
 
 
 def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath) -> Track:
-    """Put gait, anticipation and gaze on the path of travel; noise-free and without gaps."""
+    """Add gait, anticipation and gaze to the path of travel; without noise and gaps."""
     times_s = path.times_s
     gait = walk_motion(rng, walker, times_s, path.speed_m_s)
     cos, sin = np.cos(path.heading_rad), np.sin(path.heading_rad)
@@ -96,13 +95,13 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath
         return np.stack([x, y, height_m - SENSOR_HEIGHT_M + gait.up_m], axis=-1)
 
     # Head and pelvis turn before the path does: by more, the sharper the turn (Bernardin 2012). On the walks
-    # the head's lead is about half as long in turns of 60 deg, and the pelvis has none there.
+    # the head's lead is about half as long in turns of 60 deg, and the pelvis's is zero.
     turn_deg = abs(np.degrees(path.profile.turn_rad))
     head_lead_s = walker.head_lead_s * np.clip((turn_deg - 20.0) / 70.0, 0.0, 1.0)
     sharpness = np.clip((turn_deg - 60.0) / 30.0, 0.0, 1.0)
     pelvis_lead_s = walker.pelvis_lead_s * sharpness
     # The head also turns faster than the body in sharp turns (peak rate 0.9-1.6 times the pelvis's on the
-    # walks), which is how it comes to look 15-38 deg farther into the turn at a lead of 200 ms.
+    # walks), so that it points 15-38 deg farther into the turn at a lead of 200 ms.
     head_turn_share = 1.0 - rng.uniform(*_HEAD_TURN_SHORTENING) * sharpness
     head_turn = replace(path.profile, duration_s=head_turn_share * path.profile.duration_s)
     wander_rad = walker.head_yaw_wander_rad * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)

@@ -35,7 +35,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_result_file_is_reported_and_moved_away(damage, tmp_path, capsys):
+def test_a_damaged_result_file_is_reported_and_deleted(damage, tmp_path, capsys):
     cache = Cache(tmp_path)
     cache.keep("key", ROW)
     path = cache.path("key")
@@ -101,8 +101,8 @@ def test_a_killed_worker_is_reported_and_other_results_are_kept(tmp_path):
 
 def test_a_worker_with_other_code_or_files_reports_a_failure():
     job = Tiny(2)
-    assert "is not the one that asks" in carry_out(job, job.key(), "0")["failed"]
-    assert "not find the same files" in carry_out(job, "0", program_hash())["failed"]
+    assert "differs from the main process" in carry_out(job, job.key(), "0")["failed"]
+    assert "files differ" in carry_out(job, "0", program_hash())["failed"]
     assert carry_out(job, job.key(), program_hash())["square"] == 4
 
 

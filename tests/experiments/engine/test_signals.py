@@ -1,4 +1,5 @@
-"""Ctrl-C and SIGTERM in the middle of endless jobs, killed workers, and the same on a dask.distributed cluster."""
+"""Ctrl-C and SIGTERM in the middle of endless jobs, killed workers, on this machine and on a dask.distributed
+cluster."""
 
 import contextlib
 import os
@@ -61,7 +62,7 @@ def test_a_signal_ends_command_and_workers_and_keeps_results(sent, to, tmp_path)
         assert out == ""
         messages = [line for line in error.splitlines() if line and "%|" not in line]  # without the progress bar
         kept = f"3 of 7 results are kept in {tmp_path / 'runs'}"
-        assert messages == [f"tiny: interrupted: {kept}; run the same command again to go on"]
+        assert messages == [f"tiny: interrupted: {kept}; run the same command again to resume"]
         assert not any(alive(pid) for pid in workers)
     assert len(list((tmp_path / "runs").glob("*.npz"))) == 3
     assert not list((tmp_path / "runs").glob("*.part"))

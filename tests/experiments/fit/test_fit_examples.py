@@ -20,7 +20,7 @@ FRAME_S = 1.0 / 30.0
 
 
 def straight_walk(seconds=4.0, speed_m_s=1.2, heading_rad=0.4, sway_m=0.02):
-    """A steady walk with a sway of one stride a second and a bob of two."""
+    """A steady walk with a sway at 1 Hz and a bob at 2 Hz."""
     t = np.arange(round(seconds / FRAME_S) + 1) * FRAME_S
     c, s = np.cos(heading_rad), np.sin(heading_rad)
     across = sway_m * np.sin(2 * np.pi * 0.95 * t)
@@ -99,7 +99,7 @@ def test_standing_gives_examples_and_running_gives_none():
     assert late.size == 0 or late.max() < 0.2
 
 
-def test_a_recording_without_examples_is_named():
+def test_a_recording_without_examples_is_reported():
     still = standing()
     nothing = examples_of_walk(still, seen(still, "perfect"), 1.0)  # not even sway, so no direction
     assert nothing.weight.size == 0
@@ -131,7 +131,7 @@ def test_the_longest_interval_without_a_gap_is_used():
     assert times_s[-1] == recording.times_s[-1]
     valid[:] = False
     valid[:20] = True
-    with pytest.raises(GazempcError, match=r"0\.63 s; to fit on it, at least 1\.25 s"):
+    with pytest.raises(GazempcError, match=r"0\.63 s; a fit requires at least 1\.25 s"):
         walk_of(seen_in(recording, valid))
 
 
@@ -140,7 +140,7 @@ def test_a_walk_without_orientations_is_refused(part):
     recording = load("subject01_R1")
     name = f"{part}_quat_wxyz"
     unknown = replace(recording.truth, **{name: np.full((recording.times_s.size, 4), np.nan)})
-    with pytest.raises(GazempcError, match=f"subject01_R1: the orientation of the {part} is not known"):
+    with pytest.raises(GazempcError, match=f"subject01_R1: the orientation of the {part} is unknown"):
         walk_of(replace(recording, truth=unknown))
 
 

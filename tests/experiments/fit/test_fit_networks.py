@@ -35,7 +35,7 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
 
 
 def test_errors_are_weighted_by_the_inverse_covariance():
-    """Against the inverse of the full covariance."""
+    """Compared with the inverse of the full covariance."""
     rng = np.random.default_rng(0)
     off_m, usual_m2 = rng.standard_normal((20, 3, 3)), np.array([0.02, 0.08, 0.2]) ** 2
     noises_m2 = [np.pad(random_covariance(rng, (0.4, 0.01, 0.01))[:2, :2], (0, 1)) for _ in range(20)]

@@ -1,4 +1,4 @@
-"""The command of the paper: its report against the rows, and real people."""
+"""The command of the paper: its report compared with the rows, and recorded people."""
 
 import csv
 import json
@@ -50,7 +50,7 @@ def validated(tmp_path_factory, in_this_process):
 
 @pytest.mark.slow
 def test_the_report_equals_statistics_of_the_rows(validated):
-    """Means and tests recomputed from the rows of jobs done here, with the saved weights."""
+    """Means and tests recomputed from rows of jobs with the saved weights."""
     folder, out = validated
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert {"groups", "w_mean", "w_sd", "people", "filters", "nearest", "turns", "rules"} <= set(summary)
@@ -108,12 +108,12 @@ def test_a_standing_person_has_no_yaw_against_travel(monkeypatch):
         for t in (TUNED_TIME_S, SLOW_TIME_S)
     }
     summary = analyse(rows, TUNED_TIME_S, 0, 3)
-    # Published values have a test of their own.
+    # Published values are tested separately.
     json.dumps({k: v for k, v in summary.items() if k != "published"}, allow_nan=False)
 
 
 @pytest.mark.slow
-def test_on_real_straight_walks_the_papers_rule_errs_more_and_the_other_less(walks_dir):
+def test_on_real_straight_walks_the_papers_rule_has_larger_errors_than_the_other(walks_dir):
     with (walks_dir / "index.csv").open(newline="", encoding="utf-8") as file:
         clips = [r["clip"] for r in csv.DictReader(file) if r["group"] == "straight"]
     jobs = [FrameJob(str(walks_dir / f"{clip}.csv"), TUNED_TIME_S, ("paper", "both"), 0) for clip in clips]

@@ -62,7 +62,7 @@ def test_natural_frequency_and_damping_of_the_steady_state_filter(time_s):
 
 
 def made_row(group, subject, base_m, turn_m):
-    """A row as `execute` makes it: all along x; twice the error against the true position, thrice after 1 s."""
+    """A row of a job: all along x; twice the error against the true position, thrice after 1 s."""
     horizons = [
         {
             "filtered": [[k * b, 0.0, 0.0] for b in base_m],

@@ -1,4 +1,4 @@
-"""Errors at frames, against the predictor with each weight and walks with known errors."""
+"""Errors at frames, compared with the predictor at each weight and with walks of known errors."""
 
 import numpy as np
 import pytest

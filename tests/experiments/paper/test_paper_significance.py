@@ -1,4 +1,4 @@
-"""Tests over frames and over people, against rank sums by hand and enumeration; tuned weights against exact ones."""
+"""Tests over frames and over people, compared with rank sums by hand and enumeration; tuned and exact weights."""
 
 import dataclasses
 import itertools
@@ -158,6 +158,6 @@ def test_weights_are_tuned_without_the_tested_person():
         np.testing.assert_allclose(j.proposed_mm, 1e3 * np.abs(v.base_m + j.weight * v.turn_m)[:, 0])
 
 
-def test_one_subject_cannot_be_left_out():
+def test_leave_one_out_requires_two_subjects():
     with pytest.raises(GazempcError, match="at least 2 subjects"):
         leave_one_subject_out(random_videos(0, count=1), 0, 5)

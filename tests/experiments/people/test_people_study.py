@@ -15,7 +15,7 @@ def test_engagement_is_correct_for_95_percent_of_decided_time(bags_dir):
     assert found.right_s / (found.right_s + found.wrong_s) >= 0.95
 
 
-def test_the_minimum_time_is_that_of_bang_bang_acceleration():
+def test_the_minimum_time_equals_bang_bang_acceleration():
     """Without velocity and jerk limits half of the motion accelerates: angle = a t^2 / 4."""
     neck = load_neck("reference")
     limits = {"velocity_max_rad_s": 900.0, "acceleration_max_rad_s2": 10.0, "jerk_max_rad_s3": 1e8}

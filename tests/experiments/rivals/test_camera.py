@@ -1,4 +1,4 @@
-"""The head-mounted camera, and directions and points from image positions, against trigonometry by hand."""
+"""The head-mounted camera, and directions and points from image positions, compared with trigonometry by hand."""
 
 import math
 

@@ -21,7 +21,7 @@ def test_constants_maximise_time_in_zone_then_minimise_reversals():
 
 
 @pytest.mark.parametrize("name", list(DEVICES))
-def test_devices_have_speed_tables_and_laws_of_angles_get_angles(name):
+def test_devices_have_speed_tables_and_laws_with_angle_output_command_angles(name):
     neck = DEVICES[name].neck(name)
     assert neck.takes_speeds
     assert not neck.reports_joints

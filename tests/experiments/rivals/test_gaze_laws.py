@@ -1,4 +1,4 @@
-"""OP3, iKinGazeCtrl, humotion, PR2 and Smith against closed forms."""
+"""OP3, iKinGazeCtrl, humotion, PR2 and Smith compared with closed forms."""
 
 import numpy as np
 import pytest

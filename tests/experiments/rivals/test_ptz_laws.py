@@ -59,7 +59,7 @@ def test_the_gain_of_obs_face_tracker_scales_with_the_frame_interval(fps, gain):
 
 
 def test_the_integral_of_obs_face_tracker_rises_by_0_3_a_second():
-    """Of 100 px after ten seconds u is 316 / 960 * 100 px / 30 * (1 + 3), and the derivative has died away: 4.4."""
+    """Of 100 px after ten seconds u is 316 / 960 * 100 px / 30 * (1 + 3), and the derivative has decayed: 4.4."""
     person = standing(np.rad2deg(np.arctan(100.0 / 640.0)))
     course = run(ObsFaceTracker(TOP, CAMERA), person, 10.1, Plant(dead_time_s=99.0), dt_s=0.002)
     assert course.command[-1, 0] == pytest.approx(4.0 / 24.0)
@@ -88,14 +88,14 @@ KNOWN = MoveTime(offset_s=0.5, slope_s=1.0, zero_move_s=0.5)
 
 @pytest.mark.parametrize(("move_time", "px"), [(KNOWN, 131.0), (None, 49.0)])
 def test_the_dead_band_of_a_200_px_box_is_131_or_49_px(move_time, px):
-    """A face that stands has a velocity of zero, which is a valid one."""
+    """A motionless face has a velocity of zero, which is valid."""
     # A box of 200 px: its range follows from the face's height.
     range_m = 0.24 / 200.0 * 720.0 / (2.0 * np.tan(PROMPT.half_height_rad))
     for off_px, moves in ((px - 1.0, False), (px + 1.0, True)):
         law = Frigate(NECK, PROMPT, move_time=move_time, faces_tall=1.0)
         off_deg = np.rad2deg(np.arctan(off_px / 640.0))
 
-        # The first frame gives no velocity: the person is in the centre.
+        # The first frame has no velocity: the person is in the centre.
         def person(time_s, off_deg=off_deg):
             return (0.0 if time_s < 0.3 else off_deg, 0.0)
 

@@ -1,4 +1,4 @@
-"""Reachy Mini's laws against derived closed forms."""
+"""Reachy Mini's laws compared with derived closed forms."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_overshoot_grows_with_frame_latency():
     assert overshoot_deg(ReachyMiniCaptureRaw, 0.2) < 0.01
 
 
-def test_two_seconds_after_the_last_face_it_looks_straight_ahead():
+def test_the_head_returns_to_straight_ahead_two_seconds_after_the_last_face():
     course = run(ReachyMini(NECK, CAMERA), standing(20.0), 5.0, seen=lambda t: t < 1.0)
     held = (course.time_s > 2.0) & (course.time_s < 2.9)
     assert np.ptp(course.head_deg[held, 0]) < 0.1

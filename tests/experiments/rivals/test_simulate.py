@@ -1,4 +1,4 @@
-"""The simulation of rivals, and step responses of a head, against closed forms."""
+"""The simulation of rivals, and step responses of a head, compared with closed forms."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ SENSOR = PERFECT.model_copy(update={"rate_hz": 30.0, "latency_s": 0.1})
 
 
 class FixedRival:
-    """A rival with a fixed answer that records its views."""
+    """A rival with a constant command that records its views."""
 
     name = "told"
 
@@ -51,7 +51,7 @@ def run(rival, neck: NeckSpec = REFERENCE, trial: str = "still_seated_left", **s
 def test_a_rival_gets_faces_delayed_with_the_head_pose_at_capture() -> None:
     rival = FixedRival("velocity", (0.05, 0.0))
     run(rival)
-    # The head turns while the face stands at 20 deg: absolute angle = head at the capture + angle in the image.
+    # The head rotates while the face is at 20 deg: absolute angle = head at the capture + angle in the image.
     half = math.radians(PERFECT.view.horizontal_deg / 2.0)
     seen = [(view, detection) for view in rival.views for detection in view.detections]
     assert len(seen) == pytest.approx(30.0 * 5.0, abs=5)
@@ -80,7 +80,7 @@ def test_steps_have_the_rivals_rate_and_the_plant_may_differ_from_its_model() ->
     assert log.time_s[np.flatnonzero(log.joint_position_rad[:, 0] > 1e-9)[0]] == pytest.approx(1.0, abs=0.011)
 
 
-def test_a_nan_answer_is_refused() -> None:
+def test_a_nan_command_is_refused() -> None:
     with pytest.raises(ValueError, match="told"):
         run(FixedRival("position", (math.nan, 0.0)))
 

@@ -58,7 +58,7 @@ def test_straight_walks_are_passes_and_others_are_turns() -> None:
     assert not takes("loss", labels("turn"))
 
 
-def test_a_recorded_standing_person_is_as_far_as_the_still_face() -> None:
+def test_a_recorded_standing_person_is_at_the_distance_of_the_still_face() -> None:
     """The recorded head moves; the still face of the other trials is its reference."""
     trial = make_trial(STAND, "subject03_stand")
     head_m = trial.walk.truth.head_position_m[trial.walk.truth.valid]
@@ -104,5 +104,5 @@ def test_sitting_people_are_selected_by_their_kind_label(tmp_path):
     assert jobs_with([anna, bert]) == [(STAND, bert), (SIT, anna)]
 
 
-def test_without_the_option_synthetic_people_stand():
+def test_standing_people_are_synthetic_by_default():
     assert jobs_with(STANDING) == [(STAND, name) for name in STANDING]

@@ -36,7 +36,7 @@ def test_dead_time_and_servo_are_identified_separately(dead_times_s, wn, zeta):
 
 @pytest.mark.slow
 def test_intervals_have_nominal_coverage(clean):
-    """95 % intervals cover the truth under noise correlated in time, as of friction."""
+    """95 % intervals cover the truth under noise correlated in time, such as friction."""
     rng = np.random.default_rng(0)
     thin = altered(clean, joint_time_s=clean.joint_time_s[::4], joint_rad=clean.joint_rad[::4])
     truths = (0.4, 12.0, 0.9, bandwidth_hz(12.0, 0.9))
@@ -55,7 +55,7 @@ def test_intervals_have_nominal_coverage(clean):
 
 
 def test_identification_from_sparse_quantised_outlying_and_repeated_readings(clean):
-    """As of cheap hardware; a known stamp delay is subtracted."""
+    """As with cheap hardware; a known stamp delay is subtracted."""
     step = math.radians(0.088)
     angles_rad = np.round(clean.joint_rad[::6] / step) * step
     angles_rad[50::97] = -math.pi
@@ -107,20 +107,20 @@ def friction(taken):
 
 
 SPOILT = {
-    "were not reported once": lambda t: altered(t, joint_time_s=np.zeros(0), joint_rad=np.zeros((0, 2))),
+    "no readings of the joints": lambda t: altered(t, joint_time_s=np.zeros(0), joint_rad=np.zeros((0, 2))),
     "50 different time stamps": lambda t: altered(t, joint_time_s=t.joint_time_s[:50], joint_rad=t.joint_rad[:50]),
     "share 0.0 s": lambda t: altered(t, joint_time_s=t.joint_time_s + 1e9),
     "moves over 0.40 deg": lambda t: altered(t, command_rad=t.command_rad / 100),
     "the joint over 0.0 deg": lambda t: altered(t, joint_rad=np.zeros_like(t.joint_rad)),
-    "jump as no joint can": lambda t: altered(
+    "implausible jumps": lambda t: altered(
         t, joint_rad=np.where(np.arange(len(t.joint_rad))[:, None] % 10 == 0, -math.pi, t.joint_rad)
     ),
     "of the motion; at least 80 %": lambda t: altered(t, joint_rad=friction(t)),
-    "dead time is only known to": lambda t: altered(
+    "dead time is uncertain by": lambda t: altered(
         t, joint_time_s=t.joint_time_s[::40], joint_rad=with_noise(t, 3.0)[::40]
     ),
     "before its commands": lambda t: altered(t, joint_time_s=t.joint_time_s - 0.45),
-    "at the end of what was looked for (-100 ms)": lambda t: altered(t, joint_time_s=t.joint_time_s - 0.6),
+    "at the bound of the search (-100 ms)": lambda t: altered(t, joint_time_s=t.joint_time_s - 0.6),
 }
 
 
@@ -143,7 +143,7 @@ def test_backlash_is_reported_and_noise_is_not(clean):
         held = np.clip(held, angles - slack / 2, angles + slack / 2)
         rows.append(held)
     with_play = estimate_axis(altered(clean, joint_rad=np.array(rows)), 0)
-    assert "hang together in time" in with_play.note
+    assert "correlated in time" in with_play.note
     assert 0.1 < with_play.structured_rms_deg <= with_play.residual_rms_deg < 0.8
     noisy = estimate_axis(altered(clean, joint_rad=with_noise(clean, 0.3)), 0)
     assert noisy.note == ""
@@ -155,7 +155,7 @@ def test_backlash_is_reported_and_noise_is_not(clean):
 
 @pytest.mark.parametrize(("wn", "zeta"), [(6.0, 1.2), (25.0, 0.5), (10.0, 1.0)])
 def test_model_is_the_transfer_function_that_scipy_simulates(wn, zeta):
-    """lsim on a finer grid with its own delay, a whole number of that grid's steps."""
+    """lsim on a finer grid with a delay of an integer number of its steps."""
     motion = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(duration_s=8.0)).position_rad[:, 0]
     command_time = 0.005 * np.arange(motion.size)
     fine = 0.0005 * np.arange(10 * motion.size)

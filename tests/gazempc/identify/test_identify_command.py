@@ -146,10 +146,10 @@ def test_the_dead_time_of_a_user_defined_robot_is_identified(tmp_path):
         ("NoConnection", ["connect() raised KeyError: 'port'"]),
         ("Silent", ["there is no reading", "identification does not"]),
         ("WrongShape", ["position_rad array([0., 0., 0.]), expected an array of shape (2,)"]),
-        ("WrongSent", ["a command did not get through", "of shape (1,)"]),
+        ("WrongSent", ["a command failed", "of shape (1,)"]),
     ],
 )
-def test_faults_of_a_robot_are_named(name, named, tmp_path, capsys):
+def test_faults_of_a_robot_are_reported(name, named, tmp_path, capsys):
     out = tmp_path / "mine.toml"
     assert identify.main(["--robot", f"{__name__}:{name}", "--duration-s", "8", "--out", str(out)]) == 2
     complained = capsys.readouterr().err

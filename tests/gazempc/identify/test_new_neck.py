@@ -67,8 +67,8 @@ def test_invalid_data_sheets_are_refused(tmp_path, monkeypatch, capsys):
     new = str(tmp_path / "n.toml")
     for words, problem in (
         (["--new", new], "give --sheet.pan-deg"),
-        (["--new", new, *SHEET[:7], "60"], "--sheet.speed: '60' is no speed: needed is a number with its unit"),
-        (["--new", new, "--sheet.pan-deg", "10", "80"], "--sheet.pan-deg: '10.0 80.0' does not hold 0"),
+        (["--new", new, *SHEET[:7], "60"], "--sheet.speed: '60' is not a speed; expected: a number with its unit"),
+        (["--new", new, "--sheet.pan-deg", "10", "80"], "--sheet.pan-deg: '10.0 80.0' does not contain 0"),
         (["--robot", "simulated", *SHEET, "--out", new], "--sheet"),
     ):
         assert main(words) == 2
@@ -108,7 +108,7 @@ def tiago(path, at=0, value="head_1_joint"):
 
 
 def eye_in_torso(pan_rad, tilt_rad):
-    """By the chain's matrices."""
+    """Eye position from the chain's matrices."""
     turn = Rotation.from_euler("z", pan_rad)
     at = np.array([0.182, 0.0, 0.0]) + turn.apply([0.005, 0.0, 0.098])
     turn = turn * Rotation.from_euler("xyz", [-1.5707963, 0, 0]) * Rotation.from_euler("z", tilt_rad)
@@ -144,7 +144,7 @@ def test_a_pan_axis_that_points_down_turns_to_the_right(tmp_path):
         ({}, "nose", "has no such link"),
         ({"at": 6, "value": "0 1 0"}, "camera", "vertical"),
         ({"at": 7, "value": "low"}, "camera", "needs a <limit>"),
-        ({"at": 1, "value": "fixed"}, "camera", "1 joints turn"),
+        ({"at": 1, "value": "fixed"}, "camera", "1 revolute joints"),
     ],
 )
 def test_a_chain_without_a_neck_is_refused(tmp_path, change, eye, why):

@@ -74,7 +74,7 @@ def test_a_late_tick_causes_no_jump():
     assert np.abs(np.diff(taken.command_rad, axis=0)).max() <= planned + 1e-12
     clock = HeldUp(0.5)
     robot = SimulatedNeck(REFERENCE, REFERENCE.rest_rad, clock.now_s)
-    with pytest.raises(RobotError, match="held up for 500 ms"):
+    with pytest.raises(RobotError, match="a tick was 500 ms late"):
         drive(robot, clock)
     clock.sleep_until_s(clock.now_s() + 2.0)
     assert np.abs(robot.true_state().velocity_rad_s).max() < 1e-3
@@ -114,7 +114,7 @@ def test_excitation_stays_within_limits(pan, tilt, rates, how):
     neck = NeckSpec(name="any", source="test", pan=pan, tilt=tilt, control_rate_hz=rates[0], servo_rate_hz=rates[1])
     start = neck.rest_rad
     motion = excite(neck, start, how)
-    # At rest before and after: the differences there count as well.
+    # At rest before and after: differences across the ends are included.
     u = np.concatenate([start[None], motion.position_rad, np.tile(motion.position_rad[-1], (3, 1))])
     assert_within(neck.command_limits, u, neck.servo_period_s)
     assert np.ptp(motion.position_rad[:, 0]) > 0

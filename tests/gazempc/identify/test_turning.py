@@ -69,7 +69,7 @@ def test_a_dark_picture_is_reported(room):
         Turning("pan", FOV, WIDTH, HEIGHT).flat(picture(room, 0.0, share=0.01))
 
 
-def test_pictures_without_a_common_part_have_no_rotation(room):
+def test_pictures_without_overlap_have_no_rotation(room):
     turning = Turning("pan", FOV, WIDTH, HEIGHT)
     assert np.isnan(turning.between(turning.flat(picture(room, 0.0)), turning.flat(picture(room, 1.5, seed=1))))
 
@@ -135,7 +135,7 @@ def test_a_scene_uncorrelated_with_commands_is_refused():
         estimate_turns(wandering, 1.5)
 
 
-def test_an_odometer_adds_up_a_turn_wider_than_the_picture(room):
+def test_an_odometer_accumulates_a_turn_wider_than_the_picture(room):
     odometer = Odometer(Turning("pan", FOV, WIDTH, HEIGHT), np.radians(12.0))
     for turn_deg in np.arange(0.0, 90.0, 8.0):
         found = odometer.add(picture(room, np.radians(turn_deg), seed=int(turn_deg)))
@@ -175,7 +175,7 @@ def test_the_neck_file_has_the_measured_table(answers, dead_time_s, tmp_path):
 
 
 def test_the_command_to_use_has_the_options_and_the_measured_signs():
-    """Pan was driven with the wrong sign, tilt with the right one, which is not the default."""
+    """Pan had the wrong sign, tilt the right one, which differs from the default."""
     turned = [
         TurnedAxis(name, turn_estimate(0.5, {1: sign * 0.2, -1: -sign * 0.2}), None, 1)
         for name, sign in (("pan", -1), ("tilt", 1))

@@ -145,7 +145,7 @@ def test_an_invalid_predictor_is_reported(method, how, message):
         ("forecast_times_s", np.zeros((2, 2)), r"shape \(2, 2\)"),
         ("forecast_times_s", np.array([np.nan]), "1 times, .* finite"),
         ("forecast_times_s", np.array([]), "0 times"),
-        ("plan", None, "NoneType, needed is a Plan"),
+        ("plan", None, "NoneType, expected a Plan"),
     ],
 )
 def test_an_invalid_controller_is_reported(method, result, message):

@@ -180,7 +180,7 @@ class RandomPolicy:
 def seen_at(rng, time_s, places_m, names):
     for k, place_m in enumerate(places_m):
         if k == 0 and 1.5 < time_s < 2.5:
-            # The tracker is frozen at one of them.
+            # The tracker is frozen at one person.
             yield Sighting(time_s, HeadObservation(time_s - 0.066, FROZEN_M, TURNS[rng.integers(2)]))
             continue
         if rng.random() < 0.2:

@@ -36,12 +36,12 @@ def frame(time_s, positions_m, names=None, noise_m=0.0, rng=None):
 
 
 def shown(crowd, frames):
-    """Feed frames; returns the outcome of each detection, a list per frame."""
+    """Process frames; returns the result of each detection, one list per frame."""
     return [crowd.see(each) for each in frames]
 
 
 def stand(crowd, places_m, seconds=0.5, names=None, from_s=0.0):
-    """Feed standing people; returns the time of the last frame."""
+    """Process detections of standing people; returns the time of the last frame."""
     for k in range(round(seconds / FRAME_S)):
         crowd.see(frame(from_s + k * FRAME_S, places_m, names))
     return from_s + (round(seconds / FRAME_S) - 1) * FRAME_S

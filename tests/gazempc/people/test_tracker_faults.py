@@ -41,7 +41,7 @@ def test_a_tracker_frozen_during_a_walk_is_detected_after_half_a_second(rate_hz)
     path_m[stop : stop + int(1.5 * rate_hz)] = path_m[stop]
     found_s = frozen_at(path_m, rate_hz)
     assert found_s[0] == pytest.approx((stop + 0.5 * rate_hz) / rate_hz, abs=1.01 / rate_hz)
-    # Until the first other position, and not later.
+    # Until the first different position.
     assert found_s[-1] == pytest.approx((stop + int(1.5 * rate_hz) - 1) / rate_hz)
     assert len(found_s) == round((found_s[-1] - found_s[0]) * rate_hz) + 1
 
@@ -70,7 +70,7 @@ def test_tracker_noise_is_neither_walking_nor_frozen():
     assert frozen_at(stands, 30.0) == []
 
 
-def test_on_a_moving_head_freezing_is_judged_in_the_sensor_frame():
+def test_on_a_moving_head_freezing_is_detected_in_the_sensor_frame():
     """Frozen in the sensor frame, the position moves in the base frame; a standing person moves in the sensor frame."""
     frames = np.arange(90)
     pan_rad = 0.02 * frames
@@ -107,7 +107,7 @@ def test_human_turns_and_wraps_at_pi_are_accepted():
     # 500 deg/s, the peak speed of heads, over full turns.
     observations = [seen(i / 10.0, np.radians(50.0) * i, -np.radians(50.0) * i) for i in range(30)]
     assert known(OrientationJumps(), observations) == ([(True, True)] * 30, 0)
-    # A turn between frames that are far apart, or around a frame without orientation, is possible.
+    # A turn between distant frames, or across a frame without orientation, is plausible.
     observations = [seen(0.3 * i, np.pi * (i % 2)) for i in range(10)]
     assert known(OrientationJumps(), observations) == ([(True, False)] * 10, 0)
     observations = [seen(0.0, 0.0), seen(0.03), seen(0.06, 3.0)]

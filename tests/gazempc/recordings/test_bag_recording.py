@@ -20,7 +20,7 @@ T = np.arange(60) / 30.0
 WALK = np.column_stack([np.full_like(T, 2.0), 1.0 - 1.0 * T, np.full_like(T, 0.3)])
 # The same in optical axes.
 WALK_OPTICAL = np.column_stack([-WALK[:, 1], -WALK[:, 2], WALK[:, 0]])
-# From forward to optical axes, as cameras' drivers publish it.
+# From forward to optical axes, as published by camera drivers.
 TO_OPTICAL = (0.5, -0.5, 0.5, -0.5)
 POSE, POINT = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PointStamped"
 
@@ -56,7 +56,7 @@ def test_a_face_is_read_in_the_sensor_frame_from_folder_or_file(tmp_path, storag
     np.testing.assert_allclose(walk.truth.head_position_m, WALK, atol=1e-6)  # unchanged by smoothing
     np.testing.assert_allclose(walk.delays_s, 0.05, atol=1e-6)
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", np.pi), 1e-5)
-    assert "face_a, 60 frames in camera_color_optical_frame, optical axes turned" in walk.notes[0]
+    assert "face_a, 60 frames in camera_color_optical_frame, optical axes rotated" in walk.notes[0]
     (file,) = bag.glob(f"*{ending}")
     assert load(file).times_s.size == 60
     alone = load(file.rename(tmp_path / f"alone{ending}"))
@@ -73,14 +73,14 @@ def test_the_truth_is_the_smoothed_track(tmp_path):
 
 
 def test_face_axes_are_inferred_from_the_viewing_direction(tmp_path):
-    """z out of the face and y down, as head pose estimators of cameras have it."""
+    """z out of the face and y down, as in head pose estimators for cameras."""
     walk = load(bag_of(tmp_path, facing_rows("face_a", Rotation.from_euler("y", np.pi))))
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", np.pi), 1e-5)
-    assert "+z is taken for the axis out of the face, -y for up" in "\n".join(walk.notes)
+    assert "+z is used as the axis out of the face, -y as up" in "\n".join(walk.notes)
 
 
-def test_orientations_with_ambiguous_axes_are_omitted_and_named(tmp_path):
-    # One axis is nearest both to up and to the sensor.
+def test_orientations_with_ambiguous_axes_are_omitted_with_a_note(tmp_path):
+    # One axis is nearest to both the vertical and the line of sight.
     x = np.array([-1.0, 0.0, 1.0]) / np.sqrt(2.0)
     y = np.cos(0.7) * np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0) + np.sin(0.7) * np.array([0.0, 1.0, 0.0])
     seen = Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
@@ -92,7 +92,7 @@ def test_orientations_with_ambiguous_axes_are_omitted_and_named(tmp_path):
 
 
 def test_static_and_moving_transforms_compose_to_the_base(tmp_path):
-    # The camera stands 1.2 m high on a head that pans by 0.2 rad/s; between its messages it is interpolated.
+    # The camera stands 1.2 m high on a head that pans by 0.2 rad/s; its pose is interpolated between messages.
     static = [
         (START_S, "base_link", "torso", (0.1, 0.0, 0.7), (1, 0, 0, 0)),
         (START_S, "pan", "camera_link", (0.05, 0.0, 0.1), (1, 0, 0, 0)),
@@ -107,12 +107,12 @@ def test_static_and_moving_transforms_compose_to_the_base(tmp_path):
     walk = read(bag, bag_frame="base_link")
     np.testing.assert_allclose(walk.measured.head_position_m, base + np.array([0.1, 0.0, 1.1]), atol=1e-6)
     same_turns(walk.truth.head_quat_wxyz, Rotation.from_euler("z", 0.2 * T[:, None] + np.pi), 1e-4)
-    with pytest.raises(SettingsError, match=r"no way from camera_color_optical_frame to 'bas_link'.*'base_link'"):
+    with pytest.raises(SettingsError, match=r"no transform from camera_color_optical_frame to 'bas_link'.*'base_link'"):
         read(bag, bag_frame="bas_link")
 
 
 def test_the_pelvis_is_that_of_the_same_skeleton(tmp_path):
-    # body_b walks; torso_b and head_b hang on it.
+    # body_b walks; torso_b and head_b are its descendants.
     hips = WALK - np.array([0.0, 0.0, 0.6])
     rows = face_rows("body_b", START_S + T, hips, "camera_link", wxyz(Rotation.from_euler("z", -np.pi / 2)))
     static = [
@@ -130,7 +130,7 @@ def test_the_pelvis_is_that_of_the_same_skeleton(tmp_path):
     ("kind", "stamped"), [(POINT, True), ("geometry_msgs/msg/PoseWithCovarianceStamped", True), (POINT, False)]
 )
 def test_pose_and_point_topics_are_read(tmp_path, kind, stamped):
-    """Without stamps the time of recording counts."""
+    """Without stamps the time of recording is used."""
     turn = wxyz(Rotation.from_euler("z", 2.0))
     rows = pose_rows(START_S + T, WALK, "camera_link", turn)
     walk = load(bag_of(tmp_path, [], topics=[("/head", kind, rows)], lists=(), stamped=stamped))

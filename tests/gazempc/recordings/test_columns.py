@@ -15,7 +15,7 @@ T = Walk.times_s
 
 
 def write(path, header, *columns, separator=",", comma=False):
-    """A table; each column is of numbers, shape (N,) or (N, C), or of texts."""
+    """A table; each column has numbers, shape (N,) or (N, C), or text."""
     flat = [c for column in columns for c in (np.asarray(column).T if np.ndim(column) > 1 else [column])]
     rows = [[cell if isinstance(cell, str) else repr(float(cell)) for cell in row] for row in zip(*flat, strict=True)]
     if comma:
@@ -74,7 +74,7 @@ def test_axes_of_positions_and_quaternions_are_converted(tmp_path, axes):
 
 
 def test_left_handed_axes_of_unity_are_converted(tmp_path):
-    """Unity: x right, y up, z forward; a turn to the left about y is negative there."""
+    """Unity: x right, y up, z forward; a left turn is negative about y."""
     x, y, z = Walk.head_m.T
     half = -0.5 * (Walk.travel_rad + 0.3)
     header = ["s", "x", "y", "z", "qx", "qy", "qz", "qw"]
@@ -107,7 +107,7 @@ def test_angles_are_converted(tmp_path, way, unit):
 
 
 def test_roll_pitch_yaw_and_yaw_only_are_converted(tmp_path):
-    """Roll, pitch, yaw are about fixed axes in this order, as ROS has them."""
+    """Roll, pitch and yaw about fixed axes in this order, as in ROS."""
     rpy = TILTED.as_euler("xyz")
     path = write(tmp_path / "a.csv", ["s", "x", "y", "z", "head_roll", "head_pitch", "head_yaw"], T, Walk.head_m, rpy)
     found = read(path, "t=s, head=[x,y,z], head_euler=head:rad").truth.head_quat_wxyz
@@ -199,7 +199,7 @@ def test_a_person_is_selected_by_an_id_column(tmp_path):
     ("columns", "named"),
     [
         ("head, t=s", "'head' is not key=value"),
-        ("t=s, t=s", "t is given twice"),
+        ("t=s, t=s", "duplicate key t"),
         ("t=s, haed=[x,y,z]", "haed: unknown field; perhaps you meant 'head'"),
         ("t=s, head=[x,y,z], origin=moon", "origin: Input should be 'sensor', 'floor' or 'hips'"),
         ("t=s, head=[x,y]", r"mapping of the head: '\[x,y\]'. Expected: 3 columns"),
@@ -276,9 +276,9 @@ def test_a_proposed_mapping_is_valid(tmp_path, name):
         np.testing.assert_allclose(found.times_s - found.times_s[0], T, atol=1e-6)
 
 
-def test_undetermined_parts_are_named(tmp_path):
+def test_undetermined_parts_are_reported(tmp_path):
     path = write(tmp_path / "a.csv", ["frame", "id", "x", "y"], np.arange(float(T.size)), 0 * T + 3, Walk.head_m[:, :2])
-    with pytest.raises(RecordingError, match=r"30 frames a second is a guess; the file has no height: 1\.6 m stands"):
+    with pytest.raises(RecordingError, match=r"30 frames per second is a guess; the file has no height: 1\.6 m"):
         load(path)
     same_head(load(path, ReadOptions(guess=True)), np.column_stack([Walk.head_m[:, :2], 0 * T + 1.6]))
 
@@ -289,5 +289,5 @@ def test_undetermined_parts_are_named(tmp_path):
 )
 def test_a_file_without_recognisable_columns_gets_no_proposal(tmp_path, header):
     heads = [Walk.head_m] * (len(header) // 3)
-    with pytest.raises(RecordingError, match="no columns that could be the time and one head"):
+    with pytest.raises(RecordingError, match="no columns match a time and one head"):
         load(write(tmp_path / "a.csv", header, T, *heads), ReadOptions(guess=True))

@@ -22,7 +22,7 @@ def of(people, *activities):
 
 
 def speed_m_s(position_m):
-    """Horizontal, over 0.3 s."""
+    """Horizontal speed over 0.3 s."""
     return np.linalg.norm(position_m[9:, :2] - position_m[:-9, :2], axis=1) / 0.3
 
 
@@ -87,7 +87,7 @@ def starting(rate_hz=30.0, at_s=2.0, acceleration=1.0, seconds=6.0):
 def test_the_start_is_where_the_speed_passes_0_3_m_s(rate_hz):
     found = travel(*starting(rate_hz))
     assert found.leaves
-    # At a low rate the path is resolved to a frame only.
+    # At a low rate the resolution is one frame.
     assert found.start_s == pytest.approx(2.3, abs=max(1 / 30, 0.5 / rate_hz) + 1e-9)
 
 
@@ -118,7 +118,7 @@ def test_real_standing_and_walking_people_are_classified(walks_dir, tracks_dir):
 
 
 def test_starts_of_real_pedestrians_are_about_3_s_into_their_track(tracks_dir):
-    """The data set cuts tracks 3 s before the start as its annotators see it; some walk at the beginning as well."""
+    """The data set's tracks begin 3 s before the annotated start; some people walk at the beginning as well."""
     with (tracks_dir / "index.csv").open(encoding="utf-8") as stream:
         clips = [row["clip"] for row in csv.DictReader(stream) if row["kind"] == "starting"]
     walks = [load(tracks_dir / f"{clip}.csv") for clip in clips[::6]]

@@ -16,7 +16,7 @@ CAMERA_M = np.array([-2.0, 0.0, 1.2])
 
 
 def check(recording, head_m=Walk.head_m, head=Walk.head, pelvis_m=None, pelvis=None, times_s=Walk.times_s):
-    """The recording is the walk; parts not given are unknown."""
+    """The recording equals the walk; missing parts are unknown."""
     track = recording.measured or recording.truth
     np.testing.assert_allclose(recording.times_s - recording.times_s[0], times_s, atol=2e-6)
     np.testing.assert_allclose(track.head_position_m, head_m, atol=2e-6)
@@ -47,7 +47,7 @@ def test_exports_with_skeletons_are_read(tmp_path, name, write):
     check(load(write(tmp_path / name)), pelvis_m=Walk.pelvis_m, pelvis=Walk.pelvis)
 
 
-def test_euler_angles_of_motive_are_omitted_and_named(tmp_path):
+def test_euler_angles_of_motive_are_omitted_with_a_note(tmp_path):
     path = exports.motive(tmp_path / "a.csv")
     text = path.read_text().replace("Rotation Type,Quaternion", "Rotation Type,XYZ").replace(",X,Y,Z,W,", ",X,Y,Z,,")
     path.write_text(text)
@@ -105,7 +105,7 @@ def test_pedestrian_tracks_are_read(tmp_path, write):
 
 @pytest.mark.parametrize("names", ["{name}_{axis}", "landmark_{number}_{axis}", "{axis}{number}", None])
 def test_mediapipe_world_landmarks_are_read(tmp_path, names):
-    """In columns, or with a row for each landmark."""
+    """With columns for all landmarks, or one row per landmark."""
     path = tmp_path / "a.csv"
     recording = load(exports.mediapipe(path, names) if names else exports.mediapipe_long(path))
     hips_m = np.tile([0.0, 0.0, 0.95], (exports.FRAMES, 1))
@@ -130,4 +130,4 @@ def test_lines_of_ros2_between_messages_are_dropped_and_counted(tmp_path):
     path.write_text("\n".join([*lines[:5], "A message was lost!!!", *lines[5:], "1700"]))
     recording = load(path)
     assert recording.times_s.size == exports.FRAMES
-    assert "2 rows have not 10 cells (first row 6): dropped" in recording.notes
+    assert "2 rows do not have 10 cells (first row 6): dropped" in recording.notes

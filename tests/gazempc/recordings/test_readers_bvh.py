@@ -1,4 +1,4 @@
-"""BVH: hand-computed skeletons and those of many programs; errors with file, line and remedy."""
+"""BVH: hand-computed skeletons and exports of many programs; errors with file, line and remedy."""
 
 import numpy as np
 import pytest
@@ -74,13 +74,13 @@ def test_y_up_zxy_by_hand(tmp_path):
 
 
 def test_a_skeleton_lying_in_the_rest_pose_is_turned_upright(tmp_path):
-    """The Y-up skeleton in a Z-up file: every frame turns the hips by +90 deg about x."""
+    """The Y-up skeleton in a Z-up file: every frame rotates the hips by +90 deg about x."""
     head = Y_UP.replace("Zrotation Xrotation Yrotation", "Xrotation Yrotation Zrotation")
     frames = [[0, -1.0 * k, 95, 90, 30, 0, *[0.0] * 12] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", head, frames))
     np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
     assert (recording.truth.head_position_m[:, 2] > 1.5).all()
-    # At rest facing file z, turned to face file -y, then 30 deg to the person's left.
+    # Facing file z at rest, rotated to file -y, then 30 deg to the person's left.
     expected = turn("z", -90 + 30)
     np.testing.assert_allclose(matrices(recording.truth.head_quat_wxyz)[0], expected, atol=1e-12)
 
@@ -110,7 +110,7 @@ def test_options_override_values_of_the_file(tmp_path):
 
 
 def test_the_unit_of_a_sitting_person_is_that_of_the_rest_pose(tmp_path):
-    """Legs lifted by 60 degrees: 1.15 m high in centimetres, as a person in no unit; 1.6 m at rest."""
+    """Legs lifted by 60 degrees: 1.15 m high in centimetres, implausible in any unit; 1.6 m at rest."""
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, 60, 0, 0, 60, 0, *[0.0] * 6] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", Y_UP, frames))
     np.testing.assert_allclose(recording.truth.pelvis_position_m[:, 2], 0.95, atol=1e-12)
@@ -118,7 +118,7 @@ def test_the_unit_of_a_sitting_person_is_that_of_the_rest_pose(tmp_path):
 
 
 def test_horizontal_legs_in_the_rest_pose_give_no_height(tmp_path):
-    """Legs point backwards at rest, where 70 units of height would be a person in inches, and down in the motion."""
+    """Legs point backwards at rest (70 units of height, a person in inches), and down in the motion."""
     legs_back = Y_UP.replace("OFFSET 0.0 -90.0 0.0", "OFFSET 0.0 0.0 -90.0")
     frames = [[10, 95, 1.0 * k, 0, 0, 0, 0, -90, 0, 0, -90, 0, *[0.0] * 6] for k in range(N)]
     recording = load(write(tmp_path / "a.bvh", legs_back, frames))
@@ -160,7 +160,7 @@ def _replace(old, new):
         (_replace("-90.0", "-900.0"), ["m (1), cm (0.01), mm (0.001)", "bvh_unit_m"]),
     ],
 )
-def test_damage_is_named(tmp_path, change, named):
+def test_damage_is_reported_with_its_line(tmp_path, change, named):
     path = write(tmp_path / "walk.bvh", Y_UP, y_up_frames())
     lines = path.read_text(encoding="utf-8").splitlines()
     change(lines)
@@ -197,7 +197,7 @@ EXPORTS = {
     "cmu_asf": (sk.CMU_ASF, {"unit_m": sk.CMU_UNIT_M}, ["unit CMU's ASF unit", "y up", "facing z at rest"]),
     "cmu_motion_builder": (sk.CMU_FOR_MOTION_BUILDER, {"unit_m": 0.0254}, ["unit inch", "head Head", "hips Hips"]),
     "mixamo": (sk.MIXAMO, {}, ["unit cm (1.", "head mixamorig:Head (tip of its bone)", "hips mixamorig:Hips"]),
-    "xsens": (sk.XSENS, {}, ["hips Hips", "by left and right joints", "60 frames a second"]),
+    "xsens": (sk.XSENS, {}, ["hips Hips", "by left and right joints", "60 frames per second"]),
     "biped": (sk.BIPED, {}, ["head Bip01 Head", "hips Bip01 Pelvis", "by left and right joints"]),
     "rokoko": (sk.ROKOKO, {}, ["head Head", "facing z at rest"]),
     "motion_builder": (sk.MOTION_BUILDER, {"above": "BVH:reference"}, ["hips Character1_Hips", "unit cm"]),
@@ -205,7 +205,7 @@ EXPORTS = {
     "rigify": (
         sk.BLENDER_RIGIFY,
         {"axes": sk.Z_UP_FACING_MINUS_Y, "unit_m": 1.0, "head": "spine.006"},
-        ["head spine.006 (tip of its bone, far end of the body's middle)", "hips spine,"],
+        ["head spine.006 (tip of its bone, far end of the central chain)", "hips spine,"],
     ),
     "no_names": (
         sk.NUMBERED,
@@ -237,7 +237,7 @@ def test_contradictory_names_and_feet_require_an_option(tmp_path):
     assert "facing z at rest (by bvh_facing)" in recording.notes[0]
 
 
-# Without toes and names the skeleton is the same from front and back.
+# Without toes and names the skeleton is symmetric front to back.
 NO_FEET = sk.body("0", ["1", "2"], "Head", ("a{}", "b{}"), "1 2 3", "4 5 6 7")
 
 
@@ -246,18 +246,18 @@ def test_without_feet_a_walk_gives_the_facing_and_standing_requires_an_option(tm
     assert_walk(recording)
     assert "facing z at rest (by the direction of travel)" in recording.notes[0]
     stands = sk.write_bvh(tmp_path / "stands.bvh", NO_FEET, walks=False)
-    with pytest.raises(RecordingError, match=r"no feet and no walk show the facing.*bvh_facing"):
+    with pytest.raises(RecordingError, match=r"no feet and no walk determine the facing.*bvh_facing"):
         load(stands)
     truth = load(stands, ReadOptions(bvh_facing="-z")).truth
     yaw = Rotation.from_quat(truth.head_quat_wxyz[0], scalar_first=True).as_euler("ZYX")[0]
     assert abs(yaw) == pytest.approx(np.pi - sk.HEAD_YAW_RAD, abs=1e-6)
-    with pytest.raises(RecordingError, match=r"faces y, the direction of the head.*bvh_facing"):
+    with pytest.raises(RecordingError, match=r"facing y is the direction of the head.*bvh_facing"):
         load(stands, ReadOptions(bvh_facing="y"))
 
 
 def test_without_a_head_the_message_names_the_option(tmp_path):
     tree = ("A", (0, 0, 0), [("B", (0, 0, 0.4), (0.0, 0.0, 0.3))])
-    with pytest.raises(RecordingError, match=r"no joint that may be the head.*bvh_head_joint, one of A, B"):
+    with pytest.raises(RecordingError, match=r"no candidate for the head.*bvh_head_joint, one of A, B"):
         load(sk.write_bvh(tmp_path / "walk.bvh", tree, head="B"))
 
 
@@ -268,13 +268,13 @@ def test_two_heads_require_an_option(tmp_path, named):
     second = ("Prop", (0.0, 0.0, 0.2), [("Prop_Head" if named else "Bone_91", (0.3, 0.0, 0.4), (0.0, 0.0, 0.1))])
     tree = sk.renamed((hips, offset, [*grown, second]), lambda name: f"A_{name}")
     path = sk.write_bvh(tmp_path / "walk.bvh", tree, head=f"A_{head}")
-    with pytest.raises(RecordingError, match=rf"A_{head}, A_\w+ may be the head.*bvh_head_joint"):
+    with pytest.raises(RecordingError, match=rf"candidates for the head: A_{head}, A_\w+.*bvh_head_joint"):
         load(path)
     assert_walk(load(path, ReadOptions(bvh_head_joint=f"A_{head}")))
 
 
 def test_two_units_require_an_option(tmp_path):
-    # Positions of joints in inches in a file with offsets in cm, as scaled retargeting leaves it.
+    # Joint positions in inches and offsets in cm, a result of scaled retargeting.
     path = sk.write_bvh(tmp_path / "walk.bvh", sk.XSENS, positions_of=1 / 2.54)
     with pytest.raises(RecordingError, match=r"inch by the motion, cm by the rest pose.*bvh_unit_m"):
         load(path)

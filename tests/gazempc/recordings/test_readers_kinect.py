@@ -69,7 +69,7 @@ def _metres(content):
 
 
 def _turn_noses(content):
-    """The axes of the joint NOSE are turned by 90 degrees about up."""
+    """The axes of the joint NOSE are rotated by 90 degrees about the vertical."""
     for k in range(FRAMES):
         entry = joints(content, k, "joint_orientations")[list(KINECT).index("NOSE")]
         turn = Rotation.from_quat(entry, scalar_first=True) * Rotation.from_euler("x", 90.0, degrees=True)
@@ -109,7 +109,7 @@ NOSE = list(KINECT).index("NOSE")
         (_turn_noses, ["NOSE", "90 deg from the face"]),
     ],
 )
-def test_damage_is_named(tmp_path, change, named):
+def test_damage_is_reported_with_its_place(tmp_path, change, named):
     content = kinect()
     change(content)
     path = write(tmp_path / "walk.json", content)

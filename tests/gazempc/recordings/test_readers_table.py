@@ -28,7 +28,7 @@ def walk_values():
 
 
 def table_rows(values=None):
-    """A header and rows of text, of the first columns as far as there are values."""
+    """A header and rows of text, for the first columns with values."""
     values = walk_values() if values is None else values
     return [list(COLUMNS[: values.shape[1]]), *[[repr(float(v)) for v in row] for row in values]]
 
@@ -89,7 +89,7 @@ Y_FOR_Z = [0, 1, 3, 2, *range(4, 9), 10, 9, *range(11, 15)]
     ],
 )
 def test_other_units_and_another_axis_up_are_refused(tmp_path, change, named):
-    """Of heads alone, and of heads with a pelvis."""
+    """For heads only, and for heads with a pelvis."""
     assert_refused(write_rows(tmp_path / "a.csv", table_rows(change(walk_values()))), *named)
 
 
@@ -116,13 +116,13 @@ def _set(row, column, text):
         (_set(17, "head_y", "left"), ["row 17", "head_y", "'left' is not a number", "a number"]),
         (_set(9, "head_x", "1e300"), ["row 9", "head_x", "1e+300", "finite"]),
         (lambda rows: rows[20].pop(), ["row 21", "14 cells", "15 cells"]),
-        (lambda rows: rows.__delitem__(slice(1, None)), ["no rows", "a row a frame"]),
+        (lambda rows: rows.__delitem__(slice(1, None)), ["no rows", "one row per frame"]),
         (lambda rows: rows.__delitem__(slice(4, None)), ["only 3 frame(s)", "at least 4"]),
         (_set(12, "t", repr(9 / 30.0)), ["row 12", "0.3 follows 0.3 in row 11", "larger"]),
         (_set(30, "head_qw", "0.5"), ["row 30", "head_q{w,x,y,z}", "norm is 0.56", "norm of 1"]),
     ],
 )
-def test_damage_is_named(tmp_path, change, named):
+def test_damage_is_reported_with_its_place(tmp_path, change, named):
     rows = table_rows()
     change(rows)
     path = write_rows(tmp_path / "walk.csv", rows)
@@ -145,7 +145,7 @@ def test_a_part_that_is_unknown_in_a_row_is_nan_there(tmp_path):
     recording = load(write_rows(tmp_path / "walk.csv", rows))
     unknown = np.isnan(recording.truth.pelvis_quat_wxyz).any(axis=1)
     np.testing.assert_array_equal(np.flatnonzero(unknown), [7])
-    assert "orientation is not known in 1 of 60 rows" in recording.notes[0]
+    assert "orientation is unknown in 1 of 60 rows" in recording.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -165,12 +165,12 @@ def test_files_other_than_text_tables_are_refused(tmp_path, data, named):
 
 
 @pytest.mark.parametrize("column", ["t", "pelvis_qy"])
-def test_parquet_damage_is_named(tmp_path, column):
+def test_parquet_damage_is_reported_with_its_column(tmp_path, column):
     values = walk_values()
     columns = {name: values[:, k] for k, name in enumerate(COLUMNS)}
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table(columns | {column: ["x"] * N}), path)
-    with pytest.raises(RecordingError, match=rf"a\.parquet: column {column}: it holds string"):
+    with pytest.raises(RecordingError, match=rf"a\.parquet: column {column}: type string"):
         load(path)
     pq.write_table(pa.table(columns | {column: [None, *values[1:, COLUMNS.index(column)]]}), path)
     assert load(path).times_s.size == N - (column == "t")
@@ -184,12 +184,12 @@ def test_unknown_recordings_are_refused_with_the_accepted_kinds(tmp_path):
     assert load("subject03_R2").name == "subject03_R2"
     cases = {
         "subject03_R9": ["no such", "perhaps you meant 'subject03_R", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"],
-        str(tmp_path): ["directory"],
+        str(tmp_path): ["neither a ROS 2 bag nor"],
         str(tmp_path / "none.csv"): ["no such file", ".csv, .tsv"],
         "x" * 5000: [""],
     }
     (tmp_path / "a.xlsx").write_bytes(b"x")
-    cases[str(tmp_path / "a.xlsx")] = ["unknown kind of file '.xlsx'", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"]
+    cases[str(tmp_path / "a.xlsx")] = ["unknown file type '.xlsx'", ".csv, .tsv, .txt, .parquet, .mvnx, .json, .bvh"]
     for name, named in cases.items():
         assert_refused(name, *named)
 
@@ -201,7 +201,7 @@ TIMES_S = np.arange(120) / 30.0
 HEAD_M = np.stack([0.5 * TIMES_S, 1.0 + 0.0 * TIMES_S, 1.7 + 0.02 * np.sin(11.0 * TIMES_S)], axis=1)
 
 
-def test_given_arrays_are_kept():
+def test_arrays_are_stored_unchanged():
     quats = Rotation.from_euler("z", np.linspace(0.0, 90.0, 120)[:, None], degrees=True).as_quat(scalar_first=True)
     pelvis_m = HEAD_M - [0.1, 0.0, 0.7]
     made = gz.recording_from_arrays(
@@ -229,7 +229,7 @@ def spoilt(array, row, value):
     [
         ({"times_s": TIMES_S[:-1]}, "head_position_m: its shape is (120, 3)"),
         ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: the time stamp 0.0 follows"),
-        ({"times_s": "now"}, "times_s: these are no numbers"),
+        ({"times_s": "now"}, "times_s: its values are not numbers"),
         ({"head_position_m": spoilt(HEAD_M, 5, np.nan)}, "row 5"),
         ({"head_position_m": 1e3 * HEAD_M}, "looks like millimetres"),
         ({"head_quat_wxyz": [1.0, 1.0, 0.0, 0.0]}, "head_quat_wxyz: not a unit quaternion"),

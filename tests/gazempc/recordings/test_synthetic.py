@@ -23,7 +23,7 @@ def yaw_rate(walk):
 
 
 def travel_rate(walk):
-    """Of the direction of the pelvis with the gait smoothed away."""
+    """Direction of the pelvis after smoothing of the gait."""
     velocity = np.gradient(walk.truth.pelvis_position_m[:, :2], axis=0)
     velocity = gaussian_filter1d(velocity, 8.0, axis=0, mode="nearest")
     return gaussian_filter1d(np.gradient(np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))), 1.0)

@@ -1,1 +1,1 @@
-"""Tables as programs export them: layouts, and what columns mean. May import gazempc.recordings."""
+"""Tables exported by programs: layouts, and mappings of columns. May import gazempc.recordings."""

@@ -52,7 +52,7 @@ def read_parts(columns: Columns, mapping: ColumnMapping) -> tuple[FloatArray, Tr
         Times, shape (N,), seconds; and the track, whose `valid` rows have a time and a head.
 
     Raises:
-        RecordingError: If a column is missing, or a cell holds no such value.
+        RecordingError: If a column is missing, or a cell is invalid.
         SettingsError: If axes or orders are invalid.
     """
     assert mapping.t is not None
@@ -65,7 +65,7 @@ def read_parts(columns: Columns, mapping: ColumnMapping) -> tuple[FloatArray, Tr
     frame = _axes_matrix(axes, "axes")
     unknown = np.full((len(head_m), 4), np.nan)
     pelvis_m = unknown[:, :3] if mapping.pelvis is None else in_metres(columns, mapping.pelvis, "pelvis") @ frame.T
-    # A position that is known in part is unknown.
+    # A position with a missing coordinate is unknown.
     pelvis_m = np.where(np.isfinite(pelvis_m).all(axis=1, keepdims=True), pelvis_m, np.nan)
     found = [orientations(columns, mapping, part, axes) for part in ("head", "pelvis")]
     head_quat, pelvis_quat = (unknown if quats is None else quats for quats in found)
@@ -73,7 +73,7 @@ def read_parts(columns: Columns, mapping: ColumnMapping) -> tuple[FloatArray, Tr
 
 
 def ros_frame(columns: Columns, mapping: ColumnMapping) -> str | None:
-    """Name of the ROS frame that the positions are in; None if the mapping names no column with it."""
+    """ROS frame of the positions; None if the mapping has no such column."""
     names = [] if mapping.frame_id is None else columns.table.texts(columns.one(mapping.frame_id))
     return names[0] if names else None
 
@@ -91,18 +91,18 @@ def orientations(columns: Columns, mapping: ColumnMapping, part: str, axes: str)
         Shape (N, 4), w, x, y, z; NaN if unknown; None if the mapping has none.
 
     Raises:
-        RecordingError: If a column is missing or holds no such values.
+        RecordingError: If a column is missing or has invalid values.
         SettingsError: If axes or an order are invalid.
     """
     given = mapping.texts()
     frame = _axes_matrix(axes, "axes")
-    # The axes that a ROS tracker gives a person are inferred from where they face.
+    # A ROS tracker's axes of a person are inferred from the facing.
     own = _axes_matrix(given.get(f"{part}_axes", "z-up" if "frame_id" in given else axes), f"{part}_axes")
 
     def in_our_axes(turns: Rotation) -> Rotation:
         matrices = frame @ turns.as_matrix() @ own.T
         if np.linalg.det(matrices[0]) < 0:
-            raise SettingsError("axes: of the frame's and the head's own axes, only one are left-handed")
+            raise SettingsError("axes: the frame's and the head's own axes differ in handedness")
         return Rotation.from_matrix(matrices)
 
     if text := given.get(f"{part}_q"):
@@ -125,12 +125,12 @@ def orientations(columns: Columns, mapping: ColumnMapping, part: str, axes: str)
 
 
 def _axes_matrix(text: str, source: str) -> FloatArray:
-    """The matrix that turns vectors of a file to x forward, y left, z up, shape (3, 3)."""
+    """Matrix from a file's axes to x forward, y left, z up, shape (3, 3)."""
     parts = listed(AXES.get(text.strip().lower(), text.strip())) or []
     found = [match for part in parts if (match := _AXIS.fullmatch(part.lower()))]
     if len(parts) != 3 or len({match[2] for match in found}) != 3:
         raise SettingsError(
-            f"{source}: axes {text!r}: expected one of {', '.join(AXES)}, or the file's axes that point forward, left "
+            f"{source}: axes {text!r}: expected one of {', '.join(AXES)}, or the file's axes for forward, left "
             "and up, such as [z,-x,-y]"
         )
     return np.array(
@@ -145,7 +145,7 @@ def _quaternions(columns: Columns, text: str, what: str) -> FloatArray:
     values, _ = vector(columns, body, QUATERNION, what)
     if words and words[-1] == "xyzw" and listed(body) is not None:
         values = values[:, [3, 0, 1, 2]]
-    # Programs write zeros for what they do not see.
+    # Programs write zeros for missing orientations.
     values = np.where((values == 0.0).all(axis=1, keepdims=True), np.nan, values)
     check_unit_quaternions(columns.table.path, values, f"{what}{{w,x,y,z}}", columns.table.place)
     return values
@@ -168,7 +168,7 @@ def _radians(columns: Columns, words: list[str], of_column: str | None, what: st
 
 
 def _from_directions(forward: FloatArray | None, left: FloatArray | None) -> FloatArray:
-    """Orientations by the forward direction, the left one, or both; upright where only one is known."""
+    """Orientations from the forward direction, the left one, or both; upright if only one is known."""
     up = np.array([0.0, 0.0, 1.0])
     if forward is None:
         assert left is not None

@@ -23,17 +23,17 @@ _INTERVAL_S, _RANGE_M = 1.0 / 30.0, 2.0
 
 
 def guess(table: RawTable) -> tuple[ColumnMapping, list[str]] | None:
-    """Propose a mapping; orientations, axes and a pelvis are for the user to add.
+    """Propose a mapping of time and head; the user adds orientations, axes and pelvis.
 
     Args:
         table: The table.
 
     Returns:
-        The mapping and what of it the file does not determine; None if no column could be the time, or none or
-        several points the head.
+        The mapping, and remarks on its undetermined parts; None without a column of times or a unique point for the
+        head.
 
     Raises:
-        RecordingError: If a cell of the chosen columns is no number.
+        RecordingError: If a cell of the chosen columns is not a number.
     """
     points: dict[str, dict[str, str]] = {}
     if table.layout == "no header":
@@ -58,14 +58,14 @@ def guess(table: RawTable) -> tuple[ColumnMapping, list[str]] | None:
     if table.layout == "no header":
         remarks.append("without a header the order t, x, y, z is a guess")
     if "z" not in columns:
-        remarks.append(f"the file has no height: {_HEIGHT_M} m stands in")
+        remarks.append(f"the file has no height: {_HEIGHT_M} m is assumed")
     if person := person_column(table):
         found["person"] = person
     return ColumnMapping.model_validate(found), remarks
 
 
 def _quoted(table: RawTable, name: str) -> str:
-    """A column's name, or its number where the name holds separators."""
+    """A column's name, or its number if the name contains separators."""
     return f"#{table.names.index(name) + 1}" if re.search(r"[,\"'$`]|[\[(][^\])]*$", name) else name
 
 
@@ -81,7 +81,7 @@ def _time(table: RawTable) -> tuple[str, list[str]] | None:
             return f"{_quoted(table, name)}:date", []
     for name in table.names:
         if _FRAME.fullmatch(split_unit(name)[0]) and is_number(table.texts(name)[0]):
-            remarks = [] if table.rate_hz else [f"{_RATE_HZ} frames a second is a guess"]
+            remarks = [] if table.rate_hz else [f"{_RATE_HZ} frames per second is a guess"]
             return f"{_quoted(table, name)}:{table.rate_hz or _RATE_HZ:g}hz", remarks
     return None
 

@@ -28,21 +28,21 @@ class ColumnMapping(BaseModel):
 
     t: str | None = Field(default=None, description="Capture time")
     head: str | None = Field(default=None, description="Position of the head")
-    head_q: str | None = Field(default=None, description="Its orientation, as quaternions")
-    head_euler: str | None = Field(default=None, description="Its orientation, as three angles")
-    head_yaw: str | None = Field(default=None, description="Its yaw alone")
-    head_forward: str | None = Field(default=None, description="Points whose difference is where it faces")
-    head_left: str | None = Field(default=None, description="Points whose difference is to its left")
-    head_axes: str | None = Field(default=None, description="Its own axes, where they differ from the frame's")
+    head_q: str | None = Field(default=None, description="Orientation of the head, as quaternions")
+    head_euler: str | None = Field(default=None, description="Orientation of the head, as three angles")
+    head_yaw: str | None = Field(default=None, description="Orientation of the head, by yaw only")
+    head_forward: str | None = Field(default=None, description="Points whose difference is forward of the head")
+    head_left: str | None = Field(default=None, description="Points whose difference is to the left of the head")
+    head_axes: str | None = Field(default=None, description="Axes of the head, if they differ from the frame's")
     pelvis: str | None = Field(default=None, description="Position of the pelvis")
-    pelvis_q: str | None = Field(default=None, description="Its orientation, as quaternions")
-    pelvis_euler: str | None = Field(default=None, description="Its orientation, as three angles")
-    pelvis_yaw: str | None = Field(default=None, description="Its yaw alone")
-    pelvis_forward: str | None = Field(default=None, description="Points whose difference is where it faces")
-    pelvis_left: str | None = Field(default=None, description="Points whose difference is to its left")
-    pelvis_axes: str | None = Field(default=None, description="Its own axes, where they differ from the frame's")
-    axes: str | None = Field(default=None, description="Axes of the table's frame; without it z up")
-    frame_id: str | None = Field(default=None, description="Column of the ROS frame, whose name shows optical axes")
+    pelvis_q: str | None = Field(default=None, description="Orientation of the pelvis, as quaternions")
+    pelvis_euler: str | None = Field(default=None, description="Orientation of the pelvis, as three angles")
+    pelvis_yaw: str | None = Field(default=None, description="Orientation of the pelvis, by yaw only")
+    pelvis_forward: str | None = Field(default=None, description="Points whose difference is forward of the pelvis")
+    pelvis_left: str | None = Field(default=None, description="Points whose difference is to the left of the pelvis")
+    pelvis_axes: str | None = Field(default=None, description="Axes of the pelvis, if they differ from the frame's")
+    axes: str | None = Field(default=None, description="Axes of the table's frame; default: z up")
+    frame_id: str | None = Field(default=None, description="Column of the ROS frame; its name identifies optical axes")
     person: str | None = Field(default=None, description="Column of the person's id")
     origin: Literal["sensor", "floor", "hips"] | None = Field(
         default=None, description="Origin of the frame: the robot's sensor, a point of the floor, or the hips"
@@ -50,11 +50,11 @@ class ColumnMapping(BaseModel):
 
     kind: Literal["motion capture", "tracked"] | None = Field(
         default=None,
-        description="Whether the positions are the truth (motion capture, the default), or what a robot's tracker saw",
+        description="Whether the positions are the truth (motion capture, the default) or measured by a tracker",
     )
 
     def texts(self) -> dict[str, str]:
-        """The values that are given, by key."""
+        """The given values, by key."""
         return {key: value for key in ColumnMapping.model_fields if (value := getattr(self, key)) is not None}
 
     def over(self, base: ColumnMapping) -> ColumnMapping:
@@ -67,17 +67,17 @@ class ColumnMapping(BaseModel):
 
 
 class ShippedMapping(ColumnMapping):
-    """A mapping that ships, and the tables that it fits.
+    """A shipped mapping, and the tables to which it applies.
 
-    A value may name alternatives, ``a|b``: the first that the table has is taken.
+    A value may list alternatives, ``a|b``: the first one in the table is used.
 
     Attributes:
         source: Program that writes such tables, and where its columns are described.
         layout: Layouts of the table.
-        columns: How many columns it has, where it has no header.
-        integers: Numbers of the columns that hold whole numbers, likewise.
-        words: Numbers of the columns that hold text, likewise.
-        needs: Keys without which a table is another one, besides `t`, `head` and `person`.
+        columns: Number of columns of a table without a header.
+        integers: Numbers of its columns of integers.
+        words: Numbers of its columns of text.
+        needs: Required keys besides `t`, `head` and `person`.
         note: Shown with the results.
     """
 
@@ -92,7 +92,7 @@ class ShippedMapping(ColumnMapping):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         if self.t is None or self.head is None:
-            raise ValueError("t and head are needed")
+            raise ValueError("t and head are required")
         return self
 
 
@@ -101,13 +101,13 @@ def parse_columns(text: str, source: str = "--reading.columns") -> ColumnMapping
 
     Args:
         text: Items ``key=value``, separated by commas; commas in brackets do not separate.
-        source: Where the text is from, for messages.
+        source: Origin of the text, for messages.
 
     Returns:
         The mapping.
 
     Raises:
-        SettingsError: If an item is not ``key=value``, or with every unknown key.
+        SettingsError: If an item is not ``key=value``, or keys are unknown; names all of them.
     """
     values: dict[str, str] = {}
     # Other commas separate columns.
@@ -116,7 +116,7 @@ def parse_columns(text: str, source: str = "--reading.columns") -> ColumnMapping
         if item.strip() and not (equals and key and value):
             raise SettingsError(f"{source}: {item.strip()!r} is not key=value; expected t=stamp:ns, head=pos:mm")
         if key in values:
-            raise SettingsError(f"{source}: {key} is given twice")
+            raise SettingsError(f"{source}: duplicate key {key}")
         values |= {key: value} if key else {}
     try:
         return ColumnMapping.model_validate(values)
@@ -128,13 +128,13 @@ def read_mapping(path: Path) -> ColumnMapping:
     """Read a mapping from a TOML file.
 
     Raises:
-        SettingsError: If there is no such file, or it does not hold a mapping.
+        SettingsError: If there is no such file, or it is not a mapping.
     """
     return parse_spec(ColumnMapping, read_settings(path), str(path))
 
 
 def saved_places(path: Path) -> tuple[Path, Path]:
-    """Where a mapping of a table may stand: its own beside it, then one for all tables of the folder."""
+    """Candidate files of a table's mapping: its own beside it, then one for all tables of the folder."""
     return path.with_name(path.name + SAVED_ENDING), path.with_name(SAVED_FOR_ALL)
 
 

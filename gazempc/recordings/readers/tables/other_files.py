@@ -17,7 +17,7 @@ from gazempc.recordings.readers.tables.raw_table import RawTable
 
 # An hour of 50 columns at 60 Hz.
 _MOST_CELLS = 10_000_000
-# Types of pyarrow that it can read as numbers of distinct values.
+# Types that pyarrow can read dictionary-encoded.
 _TEXT_TYPES = ("string", "large_string", "binary", "large_binary")
 # Names and dates are shorter.
 _LONGEST_TEXT = 200
@@ -30,10 +30,11 @@ def parquet_table(path: Path) -> RawTable:
         path: File to read.
 
     Returns:
-        The table; numbers are numbers, all else is text.
+        The table; numeric columns as numbers, all others as text.
 
     Raises:
-        RecordingError: If the file is no such table, or columns of ours hold no numbers; rows are counted from 1.
+        RecordingError: If the file is not such a table, or a column of the package is not numeric; rows are counted
+            from 1.
         MissingOptionalDependencyError: If pyarrow is not installed.
     """
     with importing("Reading Parquet files", "pyarrow", "parquet"):
@@ -42,34 +43,34 @@ def parquet_table(path: Path) -> RawTable:
     try:
         file = pq.ParquetFile(path)
         arrow = file.schema_arrow
-        # Nested columns may be a thousand times as long as the table, and hold no numbers.
+        # Nested columns may be a thousand times as long as the table, and are not numeric.
         names = [field.name for field in arrow if not pa.types.is_nested(field.type)]
         if len(set(names)) < len(names):
-            raise ValueError("a column stands there twice")
+            raise ValueError("a column name occurs twice")
         cells = file.metadata.num_rows * len(names)
         if cells > _MOST_CELLS:
-            raise ValueError(f"it states {cells} cells; accepted are {_MOST_CELLS} at most")
-        # As numbers of distinct values: else one long text, repeated, takes gigabytes.
+            raise ValueError(f"it has {cells} cells; at most {_MOST_CELLS} are accepted")
+        # Dictionary-encoded: a repeated long text would otherwise take gigabytes.
         texts = [field.name for field in arrow if str(field.type) in _TEXT_TYPES]
         table = pq.ParquetFile(path, read_dictionary=texts).read(columns=names)
     except Exception as error:  # a damaged file makes the library raise errors of many unrelated classes
         reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         raise RecordingError(path, "", f"cannot be read ({reason})", "a Parquet table") from None
     if table.num_rows == 0:
-        raise RecordingError(path, "", "a header and no rows", "a row a frame")
+        raise RecordingError(path, "", "a header and no rows", "one row per frame")
     columns = []
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             columns.append(column.to_numpy().astype(np.float64))
         elif name in COLUMNS:
-            raise RecordingError(path, f"column {name}", f"it holds {arrow.field(name).type}", "floating-point numbers")
+            raise RecordingError(path, f"column {name}", f"type {arrow.field(name).type}", "floating-point numbers")
         else:
             columns.append(_texts(column))
     return RawTable(path, "plain", tuple(table.column_names), columns, range(1, table.num_rows + 1))
 
 
 def _texts(column: Any) -> list[str]:
-    """Cells of a column that holds no numbers, as text; equal ones are one text in memory."""
+    """Cells of a non-numeric column as text; equal cells share one object."""
     cells: list[str] = []
     for chunk in column.chunks:
         words = chunk if hasattr(chunk, "dictionary") else chunk.dictionary_encode()
@@ -84,7 +85,7 @@ _ACCEPTED = "an .mvnx file of Xsens MVN with positions and orientations of the s
 
 
 def mvnx_table(path: Path) -> RawTable:
-    """Read the frames of a recording; calibration poses are left out.
+    """Read the frames of a recording; without calibration poses.
 
     Args:
         path: File to read.
@@ -93,13 +94,13 @@ def mvnx_table(path: Path) -> RawTable:
         Columns ``Time_ms``, ``Head x``, ``Head q0`` and so on for each segment; metres, z up, scalar first.
 
     Raises:
-        RecordingError: If the file is no such XML, or a frame has other counts than the segments.
+        RecordingError: If the file is not such XML, or a frame's counts do not match the segments.
     """
     text = read_text(path, "an .mvnx file")
     if (tags := text.count("<")) > _MOST_TAGS:
         raise RecordingError(path, "", f"{tags} tags", f"{_MOST_TAGS} at most: {_ACCEPTED}")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise RecordingError(path, "", "it defines entities, which may stand for gigabytes", _ACCEPTED)
+        raise RecordingError(path, "", "it defines entities, which may expand to gigabytes", _ACCEPTED)
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -129,30 +130,30 @@ def mvnx_table(path: Path) -> RawTable:
 
 
 PATTERN = "*_keypoints.json"
-# The first key points of BODY_25, in its order, as far as they are read.
+# The first key points of BODY_25, up to the last one that is read.
 _NAMES = (
     "Nose", "Neck", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist", "MidHip", "RHip", "RKnee",
     "RAnkle", "LHip", "LKnee", "LAnkle", "REye", "LEye", "REar", "LEar",
 )  # fmt: skip
 _BODY_25 = 25
 _FRAME = re.compile(r"(\d+)_keypoints$")
-# Ids of people are counted; no place sees more.
+# Upper bound on ids, which count people.
 _MOST_PEOPLE = 10**9
-# Nose and hips are so far apart in either unit; see HEAD_TO_PELVIS_RANGE_M.
+# Distance from nose to hips that separates metres from millimetres; see HEAD_TO_PELVIS_RANGE_M.
 _METRES_BELOW = 10.0
 _OPENPOSE = "files of OpenPose --3d --write_json with pose_keypoints_3d of BODY_25: 25 times x, y, z, score"
 
 
 class _Person(BaseModel):
     person_id: list[Annotated[int, Field(ge=-1, le=_MOST_PEOPLE)]] = []
-    # Empty where no other camera saw the person.
+    # Empty if only one camera saw the person.
     pose_keypoints_3d: list[float] | None = None
 
     @field_validator("pose_keypoints_3d")
     @classmethod
     def _of_body_25(cls, points: list[float] | None) -> list[float] | None:
         if points and len(points) != 4 * _BODY_25:
-            raise ValueError(f"{len(points)} numbers; accepted are {4 * _BODY_25}")
+            raise ValueError(f"{len(points)} numbers instead of {4 * _BODY_25}")
         return points
 
 
@@ -161,12 +162,12 @@ class _People(BaseModel):
 
 
 def is_openpose_folder(path: Path) -> bool:
-    """Whether a folder holds OpenPose's files, one a frame."""
+    """Whether a folder has OpenPose's files, one per frame."""
     return next(path.glob(PATTERN), None) is not None
 
 
 def openpose_table(path: Path) -> RawTable:
-    """Read all frames of a folder; a key point that was not found is NaN.
+    """Read all frames of a folder; missing key points are NaN.
 
     Args:
         path: The folder.
@@ -176,7 +177,7 @@ def openpose_table(path: Path) -> RawTable:
         millimetres, by the distance from nose to hips.
 
     Raises:
-        RecordingError: If a file is damaged, or nowhere are 3-D key points.
+        RecordingError: If a file is damaged, or no file has 3-D key points.
     """
     rows, places = [], []
     for file in sorted(path.glob(PATTERN)):
@@ -194,7 +195,7 @@ def openpose_table(path: Path) -> RawTable:
                 continue
             points = np.array(person.pose_keypoints_3d).reshape(_BODY_25, 4)
             points[points[:, 3] <= 0.0] = np.nan
-            # OpenPose's id where it tracks people, else the place in the list.
+            # OpenPose's id if it tracks people, else the index in the list.
             tracked = person.person_id[0] if person.person_id and person.person_id[0] >= 0 else index
             rows.append([float(number[1]), tracked, *points[: len(_NAMES), :3].ravel()])
             places.append(file.name)

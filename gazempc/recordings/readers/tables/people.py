@@ -19,7 +19,7 @@ _COLUMN = re.compile(r"((person|track|face|body|pedestrian)_?)?id", re.I)
 
 
 def person_column(table: RawTable) -> str | None:
-    """A column of ids: few values in many rows, and a name for people."""
+    """Column of person ids: a known name, and few distinct values."""
     named = (name for name in table.names if _COLUMN.fullmatch(name))
     return next((name for name in named if len(set(table.texts(name))) <= max(1, len(table.places) // 4)), None)
 
@@ -35,9 +35,9 @@ def people_in_header(table: RawTable, head: str) -> list[str]:
         Names, in the order of the columns; "" for columns without a name.
     """
     body, _ = split_options(head, tuple(LENGTHS_M))
-    # A name with a sign in it is no sum of points.
+    # The whole value first: names may contain a sign.
     for first in (body, re.split(r"[+-]", body)[0].strip()):
-        # A colon belongs to the name: without a name there is none.
+        # Columns without a name have no colon either.
         pattern = re.escape(first).replace(r"\{person\}:", "(?:(?P<person>.+):)?", 1)
         pattern = pattern.replace(r"\{person\}", "(?P=person)" if "P<person>" in pattern else "(?P<person>.+)")
         expression = re.compile(rf"{pattern}[._ ]?{POSITION[0][0]}", re.IGNORECASE)
@@ -58,7 +58,7 @@ def choose_from_header(table: RawTable, names: list[str], wanted: str | None) ->
         The name, and a note if there are others.
 
     Raises:
-        SettingsError: If the wanted one is not there.
+        SettingsError: If the wanted person is not in the table.
         RecordingError: If there are several heads.
     """
     if wanted is not None:
@@ -72,8 +72,8 @@ def choose_from_header(table: RawTable, names: list[str], wanted: str | None) ->
     if len(likely) == 1:
         others = ", ".join(name for name in names if name != likely[0])
         return likely[0], [f"the head is {likely[0]!r}; also in the file: {others}; choose by --reading.person"]
-    problem = f"several could be the person's head: {', '.join(likely or names)}"
-    raise RecordingError(table.path, "header", problem, f"which one, such as --reading.person {(likely or names)[0]!r}")
+    problem = f"several candidates for the head: {', '.join(likely or names)}"
+    raise RecordingError(table.path, "header", problem, f"a choice, such as --reading.person {(likely or names)[0]!r}")
 
 
 def rows_of_person(
@@ -88,10 +88,10 @@ def rows_of_person(
         wanted: The user's choice, or None for the person with most rows.
 
     Returns:
-        Rows, shape (N,); the id; and a note if there are others.
+        Mask of the rows, shape (N,); the id; and a note if there are others.
 
     Raises:
-        SettingsError: If the wanted one is not there.
+        SettingsError: If the wanted person is not in the table.
     """
     ids = np.array([_plain(text) for text in table.texts(column)])
     seen = Counter(dict.fromkeys(ids.tolist(), 0))
@@ -108,7 +108,7 @@ def rows_of_person(
 
 
 def _plain(text: str) -> str:
-    """An id as people write it: 3 for 3.0 and for 3.0e+00."""
+    """Normalised id: 3 for 3.0 and for 3.0e+00."""
     try:
         number = float(text)
         return str(int(number)) if number.is_integer() else text.strip()
@@ -117,7 +117,7 @@ def _plain(text: str) -> str:
 
 
 NEEDED = ("t", "head_x", "head_y", "head_z")
-# By the key of the mapping; each is there with all of its columns, or not at all.
+# By key of the mapping; each requires all of its columns.
 _OPTIONAL = {
     "head_q": tuple(f"head_q{part}" for part in "wxyz"),
     "pelvis": tuple(f"pelvis_{axis}" for axis in "xyz"),
@@ -130,13 +130,13 @@ def own_mapping(table: RawTable) -> ColumnMapping:
     """Mapping of the package's own columns.
 
     Raises:
-        RecordingError: If an optional part is there in part.
+        RecordingError: If an optional part is incomplete.
     """
     begun = {key: names for key, names in _OPTIONAL.items() if any(name in table.names for name in names)}
     if missing := [name for names in begun.values() for name in names if name not in table.names]:
         problem = f"missing column(s) {', '.join(missing)}; found {shown(', '.join(table.names), 200)}"
         optional = "head_q{w,x,y,z}, pelvis_{x,y,z}, pelvis_q{w,x,y,z}"
-        expected = f"the columns {', '.join(NEEDED)}, and with all of its columns or none, each of {optional}"
+        expected = f"the columns {', '.join(NEEDED)}, and all or none of the columns of each of {optional}"
         raise RecordingError(table.path, "header", problem, expected)
     person = person_column(table)
     several = person is not None and len(set(table.texts(person))) > 1

@@ -1,4 +1,4 @@
-"""A table as a file has it: named columns of text or numbers; rows of single landmarks put together, a row a frame."""
+"""Raw table of a file: named columns of text or numbers; rows of landmarks are merged, one row per frame."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from gazempc.types import FloatArray
 
 Layout = Literal["plain", "no header", "motive", "vicon", "mvnx", "openpose"]
 
-# Written by programs for a missing value.
+# Texts for a missing value.
 _MISSING = {"", "nan", "na", "n/a", "none", "null", "-", "--", "?"}
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
-# Units as they stand in headers, by the name that mappings use.
+# Names of units in mappings, by their spelling in headers.
 UNIT_WORDS: Mapping[str, str] = {
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "ms": "ms", "msec": "ms", "milliseconds": "ms",
     "us": "us", "µs": "us", "usec": "us", "microseconds": "us", "ns": "ns", "nsec": "ns", "nanoseconds": "ns",
@@ -37,12 +37,12 @@ class RawTable:
 
     Attributes:
         path: The file.
-        layout: How the file is laid out.
-        names: Names of the columns, in the order of the file; their numbers from 1 where it has no header.
-        columns: For each name in `names` its cells, of N rows each, as text or as numbers.
-        places: For each row its place in the file: the line, or words such as ``frame 17``.
-        units: Units of columns, by name, where the file states them.
-        rate_hz: Frames a second, where the file states them.
+        layout: Layout of the file.
+        names: Names of the columns, in the order of the file; their numbers from 1 if there is no header.
+        columns: Cells of each column, N rows, as text or as numbers.
+        places: Place of each row in the file: the line, or text such as ``frame 17``.
+        units: Units of columns, by name, if stated in the file.
+        rate_hz: Frame rate, if stated in the file.
         notes: Remarks of the reader.
     """
 
@@ -88,7 +88,7 @@ class RawTable:
         return np.array(values, dtype=np.float64)
 
     def unit(self, name: str) -> str | None:
-        """Unit of a column: the file's, or the one in its name; None if neither has one."""
+        """Unit of a column, from the file or from its name; None if unknown."""
         return self.units.get(name) or split_unit(name)[1]
 
     def _column(self, name: str) -> Sequence[str] | FloatArray:
@@ -98,7 +98,7 @@ class RawTable:
 
 
 def _number(cell: str) -> float | None:
-    """A cell of text as a number, NaN where it stands for a missing value; None for any other text."""
+    """Number in a cell of text; NaN for a missing value, None for any other text."""
     try:
         # Python reads 1_0 as 10; in a table it is a damaged cell.
         return float(cell if "_" not in cell else "x")
@@ -120,13 +120,13 @@ def has_decimal_comma(cell: str) -> bool:
 
 
 def split_unit(name: str) -> tuple[str, str | None]:
-    """Take the unit off a column's name.
+    """Split the unit off a column's name.
 
     Args:
         name: Such as ``Time (Seconds)``, ``head_x [mm]`` or ``stamp_ns``.
 
     Returns:
-        The name without it, and the unit as mappings write it, or None.
+        The name without the unit, and the unit in a mapping's notation, or None.
     """
     for pattern in (_BRACKETED, _SUFFIXED):
         found = pattern.match(name)
@@ -144,10 +144,10 @@ _OF_LANDMARK = re.compile(r"(visibility|presence|confidence|score|likelihood|typ
 
 
 def wide(table: RawTable) -> RawTable:
-    """A table with columns ``NOSE_x``, ``NOSE_y`` and so on, a row a frame.
+    """Merge rows of single landmarks into columns ``NOSE_x``, ``NOSE_y`` and so on, one row per frame.
 
     Args:
-        table: A table; one without a column of landmarks, and x, y, z beside it, is returned as it is.
+        table: A table; returned unchanged if it has no column of landmarks with columns x, y and z.
 
     Returns:
         The table; a landmark without a row in a frame has blank cells there.
@@ -177,5 +177,5 @@ def wide(table: RawTable) -> RawTable:
         columns=[*([frame[k] for frame in rows] for k in range(len(own))), *found.values()],
         places=[table.places[index] for index in first.values()],
         units={**table.units, **(dict.fromkeys(found, unit) if unit else {})},
-        notes=(*table.notes, f"rows of {len(landmarks)} landmarks are put together, a row a frame"),
+        notes=(*table.notes, f"rows of {len(landmarks)} landmarks are merged, one row per frame"),
     )

@@ -1,6 +1,6 @@
-"""Tables as text: separator, header and layout, one header line or those of OptiTrack Motive and Vicon.
+"""Text tables: separator, header and layout (one header line, OptiTrack Motive's or Vicon's).
 
-Motive (format 1.2x): a line of pairs of fact and value; then, over each column, the kind of object, its name, its id,
+Motive (format 1.2x): a line of key-value pairs; then, over each column, the kind of object, its name, its id,
 ``Rotation`` or ``Position``, and the axis. Vicon: a section's name, such as ``Trajectories``; the rate; the objects'
 names over the first of their columns; the axes; the units.
 """
@@ -23,12 +23,12 @@ from gazempc.files.text import decode, read_bytes
 from gazempc.recordings.readers.tables.raw_table import UNIT_WORDS, Layout, RawTable, has_decimal_comma, is_number
 
 Row = tuple[int, tuple[str, ...]]
-# Where Vicon's programs put poses; a file may hold several sections, and devices before them.
+# Sections of Vicon's files with poses; a file may have several, and devices before them.
 _VICON_SECTIONS = ("Trajectories", "Segments", "Objects", "Model Outputs")
 _AXES = "Frame"  # begins the line of axes
 _SPACES = " "
-# The separator follows from so many lines.
-_LOOKED_AT = 50
+# Number of lines from which the separator is inferred.
+_SEPARATOR_LINES = 50
 # A row of 10,000 columns has a tenth of it.
 _LONGEST_LINE_BYTES = MEGABYTE
 _FORMAT = "a CSV table"
@@ -38,7 +38,7 @@ def read_text_table(path: Path) -> RawTable:
     """Read a table of text: separated by comma, semicolon, tab or spaces; with or without a header.
 
     Args:
-        path: File to read; UTF-8, or as Excel writes it. Blank lines, lines that begin with ``#``, and a few words
+        path: File to read; UTF-8, or as Excel writes it. Blank lines, lines that begin with ``#``, and lines of text
             before the table are skipped.
 
     Returns:
@@ -60,7 +60,7 @@ def read_text_table(path: Path) -> RawTable:
 
 
 def _text(path: Path) -> str:
-    """The file's text: UTF-8, or UTF-16 by its mark."""
+    """The file's text: UTF-8, or UTF-16 with a byte order mark."""
     data = read_bytes(path, _FORMAT)
     marks = np.frombuffer(data, dtype=np.uint8)
     lengths = np.diff(np.flatnonzero((marks == ord("\n")) | (marks == ord("\r"))), prepend=-1, append=len(data))
@@ -74,14 +74,14 @@ def _text(path: Path) -> str:
     return decode(path, data, _FORMAT)
 
 
-def _cut(line: str, separator: str) -> list[str]:
+def _split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in (line.split() if separator == _SPACES else line.split(separator))]
 
 
 def _separator_of(text: str) -> str:
-    """Of tab, semicolon and comma the first that cuts most lines; else spaces."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")][:_LOOKED_AT]
-    # Spaces separate the numbers of the last line, and commas are in them.
+    """First of tab, semicolon and comma that splits most lines; else spaces."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")][:_SEPARATOR_LINES]
+    # The last line has decimal commas, separated by spaces.
     last = lines[-1].split() if lines else []
     spaced_commas = len(last) > 1 and all(map(is_number, last)) and any(map(has_decimal_comma, last))
     for separator in ("\t", ";", ","):
@@ -91,9 +91,9 @@ def _separator_of(text: str) -> str:
 
 
 def _numeric(path: Path, text: str, separator: str) -> RawTable | None:
-    """A table of numbers alone under one header line, a fifth of the time; None if the table has another form."""
+    """Fast path, a fifth of the time: one header line and numbers only; None for any other form."""
     header, _, body = text.partition("\n")
-    names = _cut(header, separator)
+    names = _split(header, separator)
     if '"' in header or header.startswith("#") or any(map(is_number, names)) or not all(names) or not body.strip():
         return None
     # Blank lines and comments shift the numbers of the rows; Python reads 1_0 as 10.
@@ -110,26 +110,26 @@ def _numeric(path: Path, text: str, separator: str) -> RawTable | None:
 
 
 def _rows(path: Path, text: str, separator: str) -> list[Row]:
-    """Rows that are not blank and no comment, with their line."""
+    """Rows and their line numbers, without blank lines and comments."""
     if separator == _SPACES:
         split = ((number, tuple(line.split())) for number, line in enumerate(text.splitlines(), 1))
         return [(number, row) for number, row in split if row and not row[0].startswith("#")]
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     try:
-        # Tuples of text are left alone by the garbage collector: a fifth of the time.
+        # The garbage collector does not track tuples of text: a fifth of the time.
         return [(reader.line_num, tuple(row)) for row in reader if row and not row[0].startswith("#")]
     except csv.Error as error:
         raise RecordingError(path, f"row {reader.line_num}", f"{error}", "a comma-separated table") from None
 
 
 def _plain(path: Path, text: str, separator: str, rows: list[Row]) -> RawTable:
-    """A table with one header line, in a comment if need be, or without."""
+    """A table with one header line, possibly in a comment, or without."""
     notes: list[str] = []
     width = Counter(len(row) for _, row in rows).most_common(1)[0][0]
-    # Words in front of the table have half as many cells or fewer.
+    # Lines of text before the table have at most half as many cells.
     first = next(k for k, (_, row) in enumerate(rows) if 2 * len(row) > width)
     if first:
-        notes.append(f"the first {first} lines are no part of the table: skipped")
+        notes.append(f"the first {first} lines are not part of the table: skipped")
         rows = rows[first:]
     names, units = [name.strip() for name in rows[0][1]], dict[str, str]()
     layout: Layout = "plain"
@@ -143,14 +143,14 @@ def _plain(path: Path, text: str, separator: str, rows: list[Row]) -> RawTable:
         names = commented
     else:
         names, layout = [str(k + 1) for k in range(width)], "no header"
-        # Programs print lines for people in between.
+        # Programs print messages in between.
         if odd := [line for line, row in rows if len(row) != width]:
-            notes.append(f"{len(odd)} rows have not {width} cells (first row {odd[0]}): dropped")
+            notes.append(f"{len(odd)} rows do not have {width} cells (first row {odd[0]}): dropped")
         rows = [(line, row) for line, row in rows if len(row) == width]
     width = len(names)
     rows = [(line, row if any(cell.strip() for cell in row[width:]) else row[:width]) for line, row in rows]
     if len(rows) > 1 and len(rows[-1][1]) < width:
-        notes.append(f"the last row ({rows[-1][0]}) is cut off: dropped")
+        notes.append(f"the last row ({rows[-1][0]}) is truncated: dropped")
         rows = rows[:-1]
     for line, row in rows:
         if len(row) != width:
@@ -161,7 +161,7 @@ def _plain(path: Path, text: str, separator: str, rows: list[Row]) -> RawTable:
 def _commented_header(text: str, separator: str, first: Row) -> list[str] | None:
     """The header in the last comment before a first row of numbers; None if there is none."""
     lines = [line for line in text.splitlines()[: first[0] - 1] if line.startswith("#")]
-    headers = [names for line in lines if len(names := _cut(line.lstrip("# "), separator)) == len(first[1])]
+    headers = [names for line in lines if len(names := _split(line.lstrip("# "), separator)) == len(first[1])]
     return headers[-1] if headers else None
 
 
@@ -169,32 +169,34 @@ def _motive_table(path: Path, rows: list[Row]) -> RawTable:
     """A table exported by OptiTrack Motive, columns named ``object.Position.X``."""
     facts = dict(zip(rows[0][1][0::2], rows[0][1][1::2], strict=False))
     axes = next((k for k, (_, row) in enumerate(rows) if row[0].strip() == _AXES), 0)
-    # Above the axes stand Rotation or Position; above these names and ids, in an order that versions change.
+    # Above the axes: Rotation or Position; above these: names and ids, in an order that depends on the version.
     above = [row for _, row in rows[1 : axes - 1] if any(cell.strip() for cell in row)]
     if axes < 4 or len(above) < 2:
         problem = f"no line that begins with {_AXES!r} under kinds and names of objects"
         raise RecordingError(path, "header", problem, "a CSV export of Motive with headers")
     if facts.get("Coordinate Space", "Global").strip() not in ("Global", ""):
-        raise RecordingError(path, "header", f"Coordinate Space {facts['Coordinate Space']!r}", "an export in Global")
+        raise RecordingError(
+            path, "header", f"Coordinate Space {facts['Coordinate Space']!r}", "an export with Coordinate Space Global"
+        )
     names = []
     for k, axis in enumerate(rows[axes][1]):
         over = (above[0], above[1], rows[axes - 1][1])
         kind, name, quantity = (line[k].strip() if k < len(line) else "" for line in over)
-        # A body's markers must not pass for bodies.
+        # Distinguishes a body's markers from bodies.
         quantity = "Marker" if "Marker" in kind and quantity == "Position" else quantity
         names.append(".".join(part for part in (*((name, quantity) if k > 1 else ()), axis.strip()) if part))
     length = UNIT_WORDS.get(facts.get("Length Units", "").strip().lower())
     units = {name: length for name in names if length and (".Position." in name or ".Marker." in name)}
     rotation = facts.get("Rotation Type", "Quaternion").strip()
-    note = f"orientations are Euler angles in the order {rotation}: export quaternions, or give "
+    note = f"orientations are Euler angles in the order {rotation}: export quaternions, or add "
     notes = [] if rotation == "Quaternion" else [f"{note}head_euler=NAME.Rotation:ORDER:deg"]
     return _table(path, "motive", names, rows[axes + 1 :], units, facts.get("Export Frame Rate", ""), notes)
 
 
 def _vicon_table(path: Path, rows: list[Row]) -> RawTable | None:
-    """A table exported by Vicon Nexus, Tracker or Shogun, columns named ``object.X``; None of another program.
+    """A table exported by Vicon Nexus, Tracker or Shogun, columns named ``object.X``; None for another program's.
 
-    It is the first section that holds poses.
+    Only the first section with poses is read.
     """
     starts = {row[0].strip(): k for k, (_, row) in enumerate(rows[:-1]) if is_number(rows[k + 1][1][0])}
     first = next((starts[name] for name in _VICON_SECTIONS if name in starts), None)
@@ -229,7 +231,7 @@ def _table(
     if not rows:
         raise _no_rows(path)
     width = len(names)
-    # Programs leave out the blank cells of what is not seen at the end of a row.
+    # Programs omit blank cells at the end of a row.
     padded = ((*row[:width], *[""] * (width - len(row))) for _, row in rows)
     columns, lines = list(zip(*padded, strict=True)), [line for line, _ in rows]
     rate_hz = float(rate) if is_number(rate) and float(rate) > 0 else None
@@ -237,4 +239,4 @@ def _table(
 
 
 def _no_rows(path: Path) -> RecordingError:
-    return RecordingError(path, "", "a header and no rows", "a row a frame after the header")
+    return RecordingError(path, "", "a header and no rows", "one row per frame after the header")

@@ -13,13 +13,13 @@ from gazempc.recordings.readers.checks import check_finite
 from gazempc.recordings.readers.tables.raw_table import RawTable, split_unit
 from gazempc.types import FloatArray
 
-# Between a group's name and the letter of a column.
-_JOINTS = ("", ".", "_", " ", "/", "-", ":", "__")
+# Separators between a group's name and the letter of a column.
+_SEPARATORS = ("", ".", "_", " ", "/", "-", ":", "__")
 _NUMBER = re.compile(r"#(\d+)")
 
 
 class Columns:
-    """Finds columns of one table, for one person of those whose names are in its header.
+    """Finds columns of one table, for one of the people named in its header.
 
     Args:
         table: The table.
@@ -35,10 +35,10 @@ class Columns:
         self._by_name |= {name.casefold(): name for name in reversed(table.names)}
 
     def one(self, text: str) -> str:
-        """Name of the column that a value names.
+        """Name of the column for a mapping's value.
 
         Raises:
-            RecordingError: If there is none.
+            RecordingError: If there is no such column.
         """
         wanted = self._filled(text)
         number = _NUMBER.fullmatch(wanted)
@@ -57,24 +57,24 @@ class Columns:
             return False
 
     def group(self, text: str, alphabets: Sequence[Sequence[str]]) -> list[str] | None:
-        """Columns of a group such as ``head`` for ``head_x``, ``head_y``, ``head_z``; None if they are not there."""
+        """Columns of a group such as ``head`` for ``head_x``, ``head_y``, ``head_z``; None if missing."""
         base = self._filled(text).casefold()
         for letters in alphabets:
-            for joint in _JOINTS:
+            for joint in _SEPARATORS:
                 for wanted in ([f"{base}{joint}{c}" for c in letters], [f"{c}{joint}{base}" for c in letters]):
                     if all(name in self._by_name for name in wanted):
                         return [self._by_name[name] for name in wanted]
         return None
 
     def missing(self, what: str, wanted: str = "") -> RecordingError:
-        """The error that columns are not there."""
+        """Error for missing columns."""
         near = suggest(wanted, self.table.names).partition(";")[0] if wanted else ""
         hint = f" ({near})" if near.startswith("perhaps") else ""
         return RecordingError(
             self.table.path,
             "header",
             f"no {what}{hint}; found {shown(', '.join(self.table.names), 200)}",
-            "columns of the file, as its header or, without one, their numbers name them",
+            "names of columns in the header or, without a header, their numbers",
         )
 
     def _filled(self, text: str) -> str:
@@ -82,11 +82,11 @@ class Columns:
 
 
 def split_options(text: str, known: Sequence[str]) -> tuple[str, list[str]]:
-    """Take units and orders off the end of a value.
+    """Split units and orders off the end of a value.
 
     Args:
         text: Such as ``pose.position:mm``.
-        known: Words that may stand there.
+        known: Accepted words.
 
     Returns:
         The rest, and the words.
@@ -102,7 +102,7 @@ def split_options(text: str, known: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def listed(text: str) -> list[str] | None:
-    """Elements of ``[a, b, c]``; None if the text is no list."""
+    """Elements of ``[a, b, c]``; None if the text is not a list."""
     if text[:1] in "[(" and text[-1:] in "])":
         return [part.strip() for part in text[1:-1].split(",")]
     return None
@@ -118,19 +118,19 @@ _CONSTANT = re.compile(r"=\s*([-+]?[\d.]+)")
 
 
 def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what: str) -> tuple[FloatArray, str | None]:
-    """Numbers of several columns, side by side.
+    """Numbers of several columns as one array.
 
     Args:
         columns: Columns of the table.
         text: A group's name, or a list of columns and constants such as ``=1.6``.
         alphabets: Letters of the columns of a group.
-        what: Their name in messages.
+        what: Name of the quantity, for messages.
 
     Returns:
         Shape (N, C), and the unit in the table, or None.
 
     Raises:
-        RecordingError: If a column is missing or holds no numbers, or the list has another length.
+        RecordingError: If a column is missing or not numeric, or the list has another length.
     """
     count = len(alphabets[0])
     parts = listed(text)
@@ -146,7 +146,7 @@ def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what
     units = {columns.table.unit(name) for name in names}
     unit = units.pop() if len(units) == 1 else None
     if any(constants) and unit not in (None, "m"):
-        problem = f"a constant beside columns in {unit}"
+        problem = f"a constant with columns in {unit}"
         raise RecordingError(columns.table.path, f"mapping of the {what}", problem, "columns in metres")
     read = iter(names)
     rows = len(columns.table.places)
@@ -155,7 +155,7 @@ def vector(columns: Columns, text: str, alphabets: Sequence[Sequence[str]], what
 
 
 def _finite_or_nan(columns: Columns, name: str) -> FloatArray:
-    """Numbers of a column, NaN where they are infinite; raises where a square would overflow further on."""
+    """Numbers of a column, infinite ones as NaN; raises an error for numbers whose square would overflow."""
     values = columns.table.numbers(name)
     values = np.where(np.isfinite(values), values, np.nan)
     check_finite(columns.table.path, np.nan_to_num(values)[:, None], [name], columns.table.place)
@@ -163,12 +163,12 @@ def _finite_or_nan(columns: Columns, name: str) -> FloatArray:
 
 
 def points(columns: Columns, text: str, what: str) -> tuple[list[tuple[float, FloatArray]], str | None]:
-    """Points with signs: ``A+B-C``, where a name that is in the table is not cut.
+    """Signed points: ``A+B-C``; a name in the table is not split.
 
     Args:
         columns: Columns of the table.
         text: The value without its unit.
-        what: Their name in messages.
+        what: Name of the quantity, for messages.
 
     Returns:
         Sign and positions of shape (N, 3) of each, and the unit in the table, or None.
@@ -188,10 +188,10 @@ def in_metres(columns: Columns, text: str, what: str) -> FloatArray:
     Args:
         columns: Columns of the table.
         text: The value, with its unit or without.
-        what: Its name in messages.
+        what: Name of the quantity, for messages.
 
     Returns:
-        Shape (N, 3), metres, in the table's axes; NaN where a point is not known.
+        Shape (N, 3), metres, in the table's axes; NaN where a point is unknown.
     """
     body, words = split_options(text, tuple(LENGTHS_M))
     found, unit = points(columns, body, what)
@@ -199,7 +199,7 @@ def in_metres(columns: Columns, text: str, what: str) -> FloatArray:
         raise RecordingError(columns.table.path, f"mapping of the {what}", f"{text!r}", "a sum of points: A+B")
     unit = (words or [unit or "m"])[-1]
     if unit not in LENGTHS_M:
-        raise RecordingError(columns.table.path, f"columns of the {what}", f"they are in {unit}", "a unit of length")
+        raise RecordingError(columns.table.path, f"columns of the {what}", f"their unit is {unit}", "a unit of length")
     return np.asarray(np.mean([values for _, values in found], axis=0) * LENGTHS_M[unit])
 
 
@@ -209,7 +209,7 @@ def direction(columns: Columns, text: str, what: str) -> FloatArray:
     Args:
         columns: Columns of the table.
         text: Such as ``LEFT_EAR-RIGHT_EAR``.
-        what: Its name in messages.
+        what: Name of the quantity, for messages.
 
     Returns:
         Shape (N, 3), of any length, in the table's axes.
@@ -232,14 +232,14 @@ def seconds(columns: Columns, text: str) -> FloatArray:
 
     Args:
         columns: Columns of the table.
-        text: ``stamp:ns``; a sum such as ``sec:s+nanosec:ns``; ``frame:100hz`` for frame numbers; ``:30hz`` for the
-            rows as they follow each other; ``when:date`` for dates or clock times.
+        text: ``stamp:ns``; a sum such as ``sec:s+nanosec:ns``; ``frame:100hz`` for frame numbers; ``:30hz`` for
+            consecutive rows; ``when:date`` for dates or clock times.
 
     Returns:
         Shape (N,), seconds; NaN where the file has none.
 
     Raises:
-        RecordingError: If a column is missing, a cell is no time, or a rate is missing.
+        RecordingError: If a column is missing, a cell is not a time, or a rate is missing.
     """
     head, _, last = text.rpartition(":")
     rate = _RATE.fullmatch(last.strip())
@@ -255,12 +255,12 @@ def seconds(columns: Columns, text: str) -> FloatArray:
         elif unit in TIMES_S:
             total += columns.table.numbers(name) * TIMES_S[unit]
         else:
-            raise RecordingError(columns.table.path, f"column {name}", f"it is in {unit}", "a unit of time")
+            raise RecordingError(columns.table.path, f"column {name}", f"its unit is {unit}", "a unit of time")
     return total
 
 
 def seconds_since_1970(cell: str) -> float | None:
-    """A date or clock time in ISO 8601 as seconds, in UTC where it has no time zone; None for any other text."""
+    """A date or clock time in ISO 8601 as seconds, in UTC if it has no time zone; None for any other text."""
     cell = cell.strip().replace(",", ".")
     try:
         found = datetime.fromisoformat(f"1970-01-01T{cell}" if cell[2:3] == ":" else cell)
@@ -274,7 +274,7 @@ def _dates(columns: Columns, name: str) -> FloatArray:
     found = [seconds_since_1970(cell) if cell else float("nan") for cell in cells]
     if None in found:
         row = found.index(None)
-        problem = f"{shown(cells[row])} is no date and no clock time"
+        problem = f"{shown(cells[row])} is neither a date nor a clock time"
         expected = "ISO 8601, such as 2024-05-01T12:00:00.25 or 12:00:00.25"
         raise RecordingError(table.path, f"{table.place(row)}, column {name}", problem, expected)
     return np.array(found, dtype=np.float64)

@@ -62,11 +62,11 @@ def test_json_lines_are_identified(tmp_path, capsys):
     assert "also in the file: bob (9 frames)" in output
     assert "9 frames in" in refused(capsys, "--tracker", str(path), "--person", "bob")
     assert "--person carl: not in" in refused(capsys, "--tracker", str(path), "--person", "carl")
-    assert f"1 of {len(TIMES_S) + 10} lines are no observations (line {len(TIMES_S) + 10}:" in output
+    assert f"1 of {len(TIMES_S) + 10} lines are not observations (line {len(TIMES_S) + 10}:" in output
 
 
 def test_a_bag_gives_latency_and_losses(tmp_path, capsys):
-    # Camera's axes, a face whose z axis looks at the camera, and turns by 3 deg from frame to frame.
+    # The camera's axes, a face with its z axis towards the camera, rotating by 3 deg per frame.
     optical_m = SEEN_M @ np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     turns_rad = np.pi + np.deg2rad(3.0) * RNG.standard_normal(TIMES_S.size)
     quats = Rotation.from_euler("y", turns_rad[:, None]).as_quat(scalar_first=True)
@@ -80,7 +80,7 @@ def test_a_bag_gives_latency_and_losses(tmp_path, capsys):
     assert sensor.head_yaw.noise_deg == pytest.approx(3.0, rel=0.15)
     assert (sensor.loss.duration_min_s, sensor.loss.duration_max_s) == pytest.approx((0.5, 1.0), rel=1e-3)
     assert sensor.dropout_probability == pytest.approx(1 / TIMES_S.size, rel=0.01)
-    assert "optical axes turned" in capsys.readouterr().out
+    assert "optical axes rotated" in capsys.readouterr().out
 
 
 def test_wander_of_a_walking_person_is_omitted_with_a_warning(tmp_path, capsys):
@@ -102,13 +102,13 @@ def test_invalid_recordings_are_refused(tmp_path, capsys):
     out = ("--out", str(tmp_path / "mine.toml"))
     assert "no such recording" in refused(capsys, "--tracker", "nowhere.csv", *out)
     (tmp_path / "notes.xlsx").write_text("hello")
-    assert "unknown kind of file" in refused(capsys, "--tracker", str(tmp_path / "notes.xlsx"), *out)
+    assert "unknown file type" in refused(capsys, "--tracker", str(tmp_path / "notes.xlsx"), *out)
     short = write_table(tmp_path / "short.csv", TIMES_S[:30], SEEN_M[:30])
     assert "at least 60 frames in 3 s" in refused(capsys, "--tracker", str(short), *out)
     assert "--person" in refused(capsys, "--robot", "simulated", "--person", "anna", *out)
     aged = tmp_path / "aged.jsonl"
     aged.write_text("\n".join(json.dumps({"age_s": 0.1, "head_position_m": [1, 0, 0]}) for _ in range(90)))
-    assert "line 1: age_s is no time of capture" in refused(capsys, "--tracker", str(aged), *out)
+    assert "line 1: age_s is not a capture time" in refused(capsys, "--tracker", str(aged), *out)
     assert not (tmp_path / "mine.toml").exists()
 
 

@@ -18,7 +18,7 @@ def measured(seed, times_s, **errors):
     return measure_tracker(track_of(times_s, seen_m(rng, person_m(rng, times_s), times_s, **errors)))
 
 
-def test_the_stated_standard_deviation_is_that_over_recordings():
+def test_the_stated_standard_deviation_equals_the_deviation_over_recordings():
     times_s = np.arange(0.0, 12.0, 1.0 / 12.0)
     errors = {"along": (0.035, 0.0, 1.0), "across_deg": (0.08, 0.0, 1.0)}
     found = [measured(seed, times_s, **errors) for seed in range(24)]
@@ -42,7 +42,7 @@ def test_jumps_are_detected_and_do_not_bias_other_estimates():
     assert one.across.white.value == pytest.approx(np.deg2rad(0.1), rel=0.1)
 
 
-def test_a_start_to_walk_is_no_jump():
+def test_a_start_to_walk_is_not_a_jump():
     rng = np.random.default_rng(5)
     true_m = person_m(rng, SHORT_S)
     # Half a second to 1.2 m/s, three metres, and stop, after 9 s.
