@@ -68,7 +68,7 @@ def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArra
             forecast = gz.Forecast(
                 times_s, np.tile(_PERSON_M, (times_s.size, 1)), np.zeros((times_s.size, 3, 3)), now_s
             )
-            seen, offset_rad = drive.seen_by_controllers(sent, joints.offset_rad)
+            seen, offset_rad = drive.for_controllers(sent, joints.offset_rad)
             state = joints.position_rad, joints.velocity_rad_s, offset_rad, seen, none
             plan = mpc.plan(gz.Situation(settled, now_s, forecast, smoother.command, *state))
         wanted = smoother.step(now_s, plan)

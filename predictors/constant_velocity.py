@@ -167,7 +167,7 @@ class Refinement(ABC):
         if self._position.started_at_s != started_at_s:
             self._reset_estimates()  # a new track may be another person
         # A rejected detection belongs to another person, with its orientation.
-        if self._position.taken_in:
+        if self._position.accepted:
             self._refine(observation)
 
     @abstractmethod

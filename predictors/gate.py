@@ -187,7 +187,7 @@ class GatedFilter(ABC):
         """Return to the initial state."""
         self._time_s = self._issued_at_s = -math.inf
         self._started_at_s: float | None = None
-        self._taken_in: tuple[HeadObservation, ...] = ()
+        self._accepted: tuple[HeadObservation, ...] = ()
         self._gate = Gate()
 
     @property
@@ -196,9 +196,9 @@ class GatedFilter(ABC):
         return self._started_at_s
 
     @property
-    def taken_in(self) -> tuple[HeadObservation, ...]:
+    def accepted(self) -> tuple[HeadObservation, ...]:
         """Observations accepted by the last update: empty after a rejection; the whole candidate after a restart."""
-        return self._taken_in
+        return self._accepted
 
     @property
     def rejections_in_a_row(self) -> int:
@@ -230,20 +230,20 @@ class GatedFilter(ABC):
         if not self._gated or self._gate.accepts(observation, expected_m, covariance_m2 + R):
             self._correct(observation.head_position_base_m, R)
             self._issued_at_s = observation.capture_time_s
-            self._taken_in = (observation,)
+            self._accepted = (observation,)
             return
-        self._taken_in = ()
+        self._accepted = ()
         if self._gate.lost:
             candidate = self._gate.candidate
             self._start(candidate[0], noise_m2(candidate[0], unstated_m2) + extra_m2)
             for other in candidate[1:]:
                 self.update_with(other, unstated_m2, extra_m2)
-            self._taken_in = candidate
+            self._accepted = candidate
 
     def _start(self, observation: HeadObservation, R: FloatArray) -> None:
         self._begin(observation.head_position_base_m, R)
         self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
-        self._taken_in = (observation,)
+        self._accepted = (observation,)
         self._gate.begin(observation)
 
     def _check_started(self) -> None:

@@ -84,7 +84,7 @@ class HeadPose(Refinement):
         return self._position.forecast_turned(times_s, (1.0 - self._weight) * np.eye(3) + self._weight * R)
 
     def _refine(self, observation: HeadObservation) -> None:
-        for taken in self._position.taken_in:
+        for taken in self._position.accepted:
             zero_rad = self._zero_rad(taken)
             if taken.head_quat_wxyz is not None and zero_rad is not None:
                 relative_rad = wrap_rad(yaw_rad(taken.head_quat_wxyz) - zero_rad)

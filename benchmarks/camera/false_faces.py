@@ -76,7 +76,7 @@ def count(detector: BlazeFace, kind: str, cameras: Iterable[Iterator[Any]], peri
     for camera in cameras:
         finder, seen = FaceFinder(detector), set()
         for k, picture in enumerate(camera):
-            found = finder.see(picture, k * period_s)
+            found = finder.detect(picture, k * period_s)
             pictures += 1
             with_face += bool(found)
             seen |= {person.person_id for person in found}

@@ -65,7 +65,7 @@ class RenderedCamera:
         if now_s >= self._next_s - 1e-9:
             self._next_s += FRAME_S
             self.pictures += 1
-            found = self._sensor.see(self._studio.picture(passer_by(now_s), *self._pose()), now_s)
+            found = self._sensor.detect(self._studio.picture(passer_by(now_s), *self._pose()), now_s)
             self._waiting += (Sighting(now_s + LATENCY_S, observation) for observation in found)
         arrived = []
         while self._waiting and self._waiting[0].arrival_s <= now_s + 1e-9:

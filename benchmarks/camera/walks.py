@@ -81,7 +81,7 @@ def watch(
         person = person_at(k * FRAME_S)
         picture = spoilt(studio.picture(person, np.zeros(3), Rotation.identity()))
         started_s = time.process_time()
-        found = sensor.see(picture, k * FRAME_S)
+        found = sensor.detect(picture, k * FRAME_S)
         cpu_ms.append(1e3 * (time.process_time() - started_s))
         of_person = [each for each in found if _off_deg(each, person) <= _ASSOCIATION_DEG]
         others += len(found) - len(of_person[:1])

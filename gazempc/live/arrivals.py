@@ -199,7 +199,7 @@ class Arrivals:
         in_base = self._mount.to_base(seen, self._geometry, angles_rad) if known else None
         # Also checked without a position in the base frame, to find the cause of a wrong stamp.
         base_m = None if in_base is None else in_base.head_position_base_m
-        self._watch.see(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
+        self._watch.observe(Frame(sighting.arrival_s, stated_s, head_m, base_m, seen.person_id))
         if in_base is None:
             on = self._mount.on
             raise ValueError(f"the sensor moves with the {on}, whose angles at the capture time are unknown")

@@ -43,13 +43,13 @@ class ArrivingTarget(AroundTarget):
         """See `Arrivals.note_joints`; may be called by another thread."""
         self._joints.append((time_s, joints))
 
-    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """See `gazempc.loop.track.Target.take_in`; processes the observations of the sources."""
+    def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `gazempc.loop.track.Target.assimilate`; processes the observations of the sources."""
         if self.stopped:
             return
         while self._joints:
             self._arrivals.note_joints(*self._joints.popleft())
-        self._target.take_in(self._arrivals.take(time_s, recorder), time_s, recorder)
+        self._target.assimilate(self._arrivals.take(time_s, recorder), time_s, recorder)
         self.finished = self._arrivals.finished(time_s, recorder)
 
 

@@ -300,7 +300,7 @@ class Watch:
         self._due_s: float | None = None
         self._reported: set[Event] = set()
 
-    def see(self, frame: Frame) -> None:
+    def observe(self, frame: Frame) -> None:
         """Add a frame, used or not."""
         if self._due_s is None:
             self._due_s = frame.arrival_s + _FIRST_AFTER_S

@@ -78,7 +78,7 @@ class AttendedPeople:
             stays_until_s=None if attended.number is None else attended.since_s + self.attention.dwell_s,
         )
 
-    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+    def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """Update the tracks with the observations that have arrived, and choose the attended person.
 
         Args:
@@ -120,7 +120,7 @@ class AttendedPeople:
         if len(fresh) < len(frame):
             recorder.refused(Event.TRACKER_FROZEN, len(frame) - len(fresh))
         started = time.perf_counter()
-        found = self.people.see([sighting.observation for sighting in fresh])
+        found = self.people.observe([sighting.observation for sighting in fresh])
         update_ms = 1e3 * (time.perf_counter() - started)
         for sighting, (number, became) in zip(fresh, found, strict=True):
             if became in _EVENTS:
@@ -143,7 +143,7 @@ class AttendedPeople:
         """Update the fault detectors with a sighting; returns whether the tracker is frozen."""
         if track.jumped:
             recorder.event(time_s, Event.ORIENTATION_JUMPED)
-        frozen, goes_on = self._frozen.see(track.number, sighting)
+        frozen, goes_on = self._frozen.observe(track.number, sighting)
         if goes_on:
             # The last half second of the track is repeated frames, a false standstill.
             track.begin_anew()

@@ -98,7 +98,7 @@ class Drive:
         pairs = zip(self._axes, command.tolist(), strict=True)
         return np.array([value if axis is None else axis.sent(value, got_through) for axis, value in pairs])
 
-    def seen_by_controllers(self, sent_rad: FloatArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def for_controllers(self, sent_rad: FloatArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Commands sent and offsets in the coordinates of the controllers.
 
         For a velocity-controlled joint the offset is compensated here: zero for controllers, and added to the commands.

@@ -105,7 +105,7 @@ class GazeLoop:
         self._last_index = index
         arrived = list(arrived)
         self.note_heads(arrived, time_s)
-        planning.see(arrived, time_s, recorder)
+        planning.observe(arrived, time_s, recorder)
         measured = read_joints(self._robot, self._neck, time_s, recorder)
         if self._observer is None:
             self._observer = JointObserver(self._neck, self._smoother.command.position_rad, time_s)

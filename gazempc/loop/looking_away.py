@@ -53,12 +53,12 @@ class LookingAway(AroundTarget):
             return state
         return replace(state, away_why=away.why, away_since_s=away.start_s, away_until_s=away.end_s)
 
-    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """See `gazempc.loop.track.Target.take_in`."""
+    def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `gazempc.loop.track.Target.assimilate`."""
         for cue in () if self._cues is None else self._cues.take():
             self._take_cue(cue, time_s)
         before = self.several and self.several.attention.attended
-        self._target.take_in(sightings, time_s, recorder)
+        self._target.assimilate(sightings, time_s, recorder)
         if self.several is not None and self.several.attention.attended is not before:
             self._look_aways.begin_anew(time_s)
 

@@ -124,7 +124,7 @@ class JointObserver:
         if measured is not None and not measured.time_s >= oldest_s:
             self.refused = True
         elif measured is not None and (self._measured_s is None or measured.time_s > self._measured_s):
-            self._take_in(measured, time_s, held)
+            self._assimilate(measured, time_s, held)
         self._note_estimate()
 
     def _note_estimate(self) -> None:
@@ -137,7 +137,7 @@ class JointObserver:
         angles = [state[0] + offset_rad for state, offset_rad in zip(states, self._offset_rad, strict=True)]
         return tuple(angles), tuple([state[1] for state in states])
 
-    def _take_in(self, measured: JointState, time_s: float, held: tuple[int, ...]) -> None:
+    def _assimilate(self, measured: JointState, time_s: float, held: tuple[int, ...]) -> None:
         measured_s = min(measured.time_s, time_s)
         angles = measured.position_rad.tolist()
         # False for NaN.

@@ -50,9 +50,9 @@ class ImmediatePlanner:
         self.controller = controller
         self._answered: list[Answer] = []
 
-    def see(self, take_in: Callable[[], None]) -> None:
+    def update(self, assimilate: Callable[[], None]) -> None:
         """Run a function that updates the predictor, before the next plan."""
-        take_in()
+        assimilate()
 
     def request(self, due_index: int, situate: Situate) -> bool:
         """Request a plan.
@@ -90,7 +90,7 @@ class BackgroundPlanner:
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
         # Queues of length one; the event wakes the thread.
-        self._take_in: deque[Callable[[], None]] = deque(maxlen=1)
+        self._pending: deque[Callable[[], None]] = deque(maxlen=1)
         self._asked: deque[tuple[int, Situate]] = deque(maxlen=1)
         self._wake = threading.Event()
         self._answered: queue.SimpleQueue[list[Answer] | BaseException] = queue.SimpleQueue()
@@ -99,9 +99,9 @@ class BackgroundPlanner:
         self._thread = threading.Thread(target=self._work, name="planner", daemon=True)
         self._thread.start()
 
-    def see(self, take_in: Callable[[], None]) -> None:
-        """See `ImmediatePlanner.see`."""
-        self._take_in.append(take_in)
+    def update(self, assimilate: Callable[[], None]) -> None:
+        """See `ImmediatePlanner.update`."""
+        self._pending.append(assimilate)
         self._wake.set()
 
     def request(self, due_index: int, situate: Situate) -> bool:
@@ -143,8 +143,8 @@ class BackgroundPlanner:
             while not self._closed:
                 self._wake.wait()
                 self._wake.clear()
-                if self._take_in:
-                    self._take_in.popleft()()
+                if self._pending:
+                    self._pending.popleft()()
                 if self._asked:
                     self._answered.put(_ask(self.controller, *self._asked.popleft()))
         except BaseException as error:

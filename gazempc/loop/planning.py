@@ -66,15 +66,15 @@ class Planning:
         if until_index >= 0:
             self._refused_until = until_index + self._delay_ticks
 
-    def see(self, arrived: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """Update the target with observations; see `gazempc.loop.planner.ImmediatePlanner.see`.
+    def observe(self, arrived: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """Update the target with observations; see `gazempc.loop.planner.ImmediatePlanner.update`.
 
         Args:
             arrived: Observations that have arrived.
             time_s: The time, seconds.
             recorder: Receives the records so far.
         """
-        self._planner.see(lambda: self._target.take_in(arrived, time_s, self._notes))
+        self._planner.update(lambda: self._target.assimilate(arrived, time_s, self._notes))
         self.hand_on(recorder)
 
     def hand_on(self, recorder: LoopRecorder) -> None:
@@ -105,7 +105,7 @@ class Planning:
         committed = [self._committed(index + i, due_s + i * period_s) for i in range(self._delay_ticks)]
         command = committed[-1] if committed else self._smoother.command
         committed_rad = np.array([c.position_rad for c in committed]).reshape(-1, self._neck.joints)
-        sent_rad, offset_rad = self._sender.seen_by_controllers(joints.offset_rad)
+        sent_rad, offset_rad = self._sender.for_controllers(joints.offset_rad)
 
         def situate() -> Situation | None:
             newest_s = self._target.newest_capture_s

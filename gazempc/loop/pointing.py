@@ -107,10 +107,10 @@ class Pointing(AroundTarget):
         """See `gazempc.loop.track.Target`; the present time for a place."""
         return self._target.newest_capture_s if self._goal.place is None else self._now_s
 
-    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """See `gazempc.loop.track.Target.take_in`."""
+    def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `gazempc.loop.track.Target.assimilate`."""
         self._now_s = time_s
-        self._target.take_in(sightings, time_s, recorder)
+        self._target.assimilate(sightings, time_s, recorder)
 
     def forecast(self, times_s: FloatArray, time_s: float, recorder: LoopRecorder) -> Forecast | None:
         """See `gazempc.loop.track.Target.forecast`: the place, or the forecast of the person."""

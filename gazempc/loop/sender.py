@@ -50,9 +50,9 @@ class Sender:
         self.acknowledged_rad: FloatArray = start_rad
         self._lost = 0
 
-    def seen_by_controllers(self, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Copies of the commands sent and of the offsets, see `Drive.seen_by_controllers`."""
-        return self._drive.seen_by_controllers(self._sent_rad, offset_rad)
+    def for_controllers(self, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Copies of the commands sent and of the offsets, see `Drive.for_controllers`."""
+        return self._drive.for_controllers(self._sent_rad, offset_rad)
 
     def skip(self, ticks: int) -> list[FloatArray]:
         """Account for servo periods without a command: the robot keeps the last one.

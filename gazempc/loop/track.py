@@ -39,7 +39,7 @@ class Target(Protocol):
     def newest(self) -> HeadObservation | None:
         """The newest observation that was used; None before the first one."""
 
-    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+    def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """Process the observations that have arrived since the last tick; called at every tick.
 
         Args:
@@ -114,8 +114,8 @@ class PersonTrack:
         self._tracker = FrozenTracker()
         self._jumps = OrientationJumps()
 
-    def take_in(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
-        """See `Target.take_in`."""
+    def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `Target.assimilate`."""
         for sighting in sightings:
             self._view = sighting.view
             self._take_one(sighting, time_s, recorder)
@@ -127,7 +127,7 @@ class PersonTrack:
             return
         observation = sighting.observation
         was_frozen = self._tracker.frozen
-        if self._tracker.see(sighting):
+        if self._tracker.observe(sighting):
             recorder.refused(Event.TRACKER_FROZEN)
             if not was_frozen:
                 recorder.event(time_s, Event.TRACKER_FROZEN)

@@ -151,7 +151,7 @@ class FramedPicture:
         """
         return max(_EXCURSION_DELAYS * delay_s, _SHORTEST_EXCURSION_S)
 
-    def waits_rad(self, axis: int, turning_rad_s: float, share: float) -> float:
+    def widening_rad(self, axis: int, turning_rad_s: float, share: float) -> float:
         """Widening of the zone on both sides for a person at rest, early in an excursion.
 
         Args:

@@ -80,7 +80,7 @@ class People:
         self._count = 0
         self._newest_s = -math.inf
 
-    def see(self, observations: Sequence[HeadObservation]) -> list[tuple[int, Became]]:
+    def observe(self, observations: Sequence[HeadObservation]) -> list[tuple[int, Became]]:
         """Process detections of one frame.
 
         Args:

@@ -55,7 +55,7 @@ class FrozenTracker:
         self._since_s = self.newest_s = -math.inf
         self._path: deque[tuple[float, FloatArray]] = deque()
 
-    def see(self, sighting: Sighting) -> bool:
+    def observe(self, sighting: Sighting) -> bool:
         """Update with a sighting.
 
         Args:
@@ -109,9 +109,9 @@ class FrozenPeople:
         Args:
             sighting: The sighting.
         """
-        return any(tracker.repeats(sighting) and tracker.see(sighting) for tracker in self._trackers.values())
+        return any(tracker.repeats(sighting) and tracker.observe(sighting) for tracker in self._trackers.values())
 
-    def see(self, number: int, sighting: Sighting) -> tuple[bool, bool]:
+    def observe(self, number: int, sighting: Sighting) -> tuple[bool, bool]:
         """Update with a sighting of a person.
 
         Args:
@@ -128,7 +128,7 @@ class FrozenPeople:
         }
         tracker = self._trackers.setdefault(number, FrozenTracker())
         was_frozen = tracker.frozen
-        frozen = tracker.see(sighting)
+        frozen = tracker.observe(sighting)
         return frozen, was_frozen and not frozen
 
 

@@ -93,7 +93,7 @@ class Walker:
         if observation.position_covariance_m2 is None:
             measured_m2 = measured_m2 + self._range.covariance_m2(observation.head_position_base_m)
         self._position.update_with(observation, measured_m2, _GAIT_M2)
-        taken = self._position.taken_in
+        taken = self._position.accepted
         if not taken:
             return
         if self._position.started_at_s != started_at_s:

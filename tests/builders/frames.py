@@ -40,6 +40,6 @@ def frames(*people_m, seconds=2.0, name=lambda k, i: None):
 def findings(given):
     watch, found = Watch(SimulatedClock(), None, Mount(), LoopSettings(), SetupHints(), several=True), {}
     for frame in given:
-        watch.see(frame)
+        watch.observe(frame)
         found |= {str(finding.event): finding.text for finding in watch.findings(frame.arrival_s)}
     return found

@@ -181,7 +181,7 @@ def test_after_0_75_s_the_refused_observations_become_the_track():
         np.testing.assert_allclose(mine, expected, rtol=0, atol=1e-12)
     assert cv.forecast(end_s).issued_at_s == end_s
     assert cv.started_at_s == pytest.approx(end_s - 23 * FRAME_S)
-    assert len(cv.taken_in) == 24
+    assert len(cv.accepted) == 24
     assert cv.rejections_in_a_row == 0
 
 

@@ -219,10 +219,10 @@ class Mpc:
         self._outside_s[axis] = min(max(seconds, 0.0), longest_s)
         # A rate within one standard deviation of the forecast counts as zero.
         certain_rad_s = abs(turning_rad_s) - float(np.mean(deviation_rad)) / self._length_s
-        waits_rad = picture.waits_rad(axis, max(certain_rad_s, 0.0), self._outside_s[axis] / longest_s)
+        widening_rad = picture.widening_rad(axis, max(certain_rad_s, 0.0), self._outside_s[axis] / longest_s)
         wider_rad = self._ways[axis] * picture.turns_back_rad(axis, delay_s, deviation_rad)
-        low_rad = np.minimum(wider_rad, -waits_rad) - half_rad
-        high_rad = np.maximum(wider_rad, waits_rad) + half_rad
+        low_rad = np.minimum(wider_rad, -widening_rad) - half_rad
+        high_rad = np.maximum(wider_rad, widening_rad) + half_rad
         return reference_rad + low_rad, reference_rad + high_rad
 
     def _mean_rate(self, angles_rad: FloatArray) -> float:

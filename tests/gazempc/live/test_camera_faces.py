@@ -33,7 +33,7 @@ def names(found):
 
 def after(finder, pictures, start_s=0.0):
     """Names in the last of these pictures."""
-    return names([finder.see(PICTURE, start_s + k * FRAME_S) for k in range(pictures)][-1])
+    return names([finder.detect(PICTURE, start_s + k * FRAME_S) for k in range(pictures)][-1])
 
 
 @pytest.mark.parametrize("face", [(100, 100, 24), (320, 260, 300), (610, 450, 30)])
@@ -47,37 +47,37 @@ def test_a_short_detection_is_not_confirmed(faces, finder, rate_hz, pictures):
     """Heads from behind score like faces for up to 0.2 s."""
     for k in range(40):
         faces.here = [(320, 240, 90)] if k % 20 < pictures else []
-        assert finder.see(PICTURE, k / rate_hz) == []
+        assert finder.detect(PICTURE, k / rate_hz) == []
 
 
 def test_a_detection_absent_in_the_mirror_image_is_rejected(faces, finder):
     faces.here, faces.mirrored_score = [(320, 240, 90)], 0.35
-    assert all(finder.see(PICTURE, k * FRAME_S) == [] for k in range(30))
+    assert all(finder.detect(PICTURE, k * FRAME_S) == [] for k in range(30))
     faces.mirrored_score = 0.8
     assert after(finder, 8, 2.0) == ["1"]
     # A tracked person turns away: the score stays high, but the mirror image is no face.
     faces.score, faces.mirrored_score = 0.45, 0.32
-    assert names(finder.see(PICTURE, 3.0)) == ["1"]
+    assert names(finder.detect(PICTURE, 3.0)) == ["1"]
     faces.mirrored_score = 0.28
-    assert finder.see(PICTURE, 3.1) == []
+    assert finder.detect(PICTURE, 3.1) == []
 
 
 def test_a_name_persists_while_person_or_camera_moves(faces, finder):
     for k in range(60):
         faces.here = [(60 + 4 * k + (60 if k > 30 else 0), 200, 30)]
-        found = finder.see(PICTURE, k * FRAME_S)
+        found = finder.detect(PICTURE, k * FRAME_S)
         if k > 5:
             assert names(found) == ["1"]
             assert found[0].face.box_px[:2] == pytest.approx(faces.here[0][:2])
     for k in range(6):  # also on a slow computer
         faces.here = [(380 + 4 * k, 200, 30)]
-        assert names(finder.see(PICTURE, 4.0 + 1.5 * k)) == ["1"]
+        assert names(finder.detect(PICTURE, 4.0 + 1.5 * k)) == ["1"]
 
 
 def test_crossing_people_keep_their_names(faces, finder):
     for k in range(60):
         faces.here = [(100 + 6 * k, 200, 40), (500 - 6 * k, 260, 60)]
-        found = finder.see(PICTURE, k * FRAME_S)
+        found = finder.detect(PICTURE, k * FRAME_S)
     left, right = sorted(found, key=lambda person: person.face.box_px[0])
     assert {left.person_id, right.person_id} == {"1", "2"}
     assert left.width_px == pytest.approx(60)

@@ -158,4 +158,4 @@ def test_good_data_give_no_finding(sensor):
         seen = sighting.observation
         assert list(watch.findings(sighting.arrival_s)) == []
         head_m = seen.head_position_base_m
-        watch.see(Frame(sighting.arrival_s, seen.capture_time_s, head_m, head_m, seen.person_id))
+        watch.observe(Frame(sighting.arrival_s, seen.capture_time_s, head_m, head_m, seen.person_id))

@@ -35,7 +35,7 @@ class Bench:
                 Sighting(now_s, HeadObservation(self.time_s, np.array(head_m), quat, person_id=name))
                 for head_m, quat, name in (each for each in seen if each is not None)
             ]
-            self.target.take_in(sightings, now_s, self.recorder)
+            self.target.assimilate(sightings, now_s, self.recorder)
         return self
 
     @property
@@ -141,7 +141,7 @@ def test_a_late_first_frame_of_the_attended_person_is_used_and_the_newest_time_k
     assert bench.attended == [(1, "policy")]
     before = bench.recorder.used
     late = Sighting(bench.time_s + LATENCY_S, HeadObservation(2 * FRAME_S, np.array(person(2 * FRAME_S)[0])))
-    bench.target.take_in([late], bench.time_s + LATENCY_S, bench.recorder)
+    bench.target.assimilate([late], bench.time_s + LATENCY_S, bench.recorder)
     assert bench.recorder.used == before + 1
     assert bench.target.newest_capture_s == bench.time_s
     in_order = ConstantVelocity()

@@ -56,7 +56,7 @@ def test_lost_speed_commands_do_not_count_as_sent() -> None:
 def test_commands_given_to_a_controller_start_at_the_joint_position() -> None:
     sent, offset = np.ones((3, 2)), np.array([0.1, 0.2])
     mixed = PTZ.model_copy(update={"tilt": PTZ.tilt.model_dump() | {"command": "position"}})
-    commands, left = Drive(mixed, np.zeros(2)).seen_by_controllers(sent, offset)
+    commands, left = Drive(mixed, np.zeros(2)).for_controllers(sent, offset)
     np.testing.assert_allclose(commands, np.tile([1.1, 1.0], (3, 1)))
     np.testing.assert_allclose(left, [0.0, 0.2])
 

@@ -94,9 +94,9 @@ def test_delay_and_deviation_widen_the_zone_against_reversals():
 
 def test_the_zone_spans_the_picture_until_a_long_excursion():
     framed = picture(zone=(0.4, 0.4))  # 12 deg of 30
-    waits = [framed.waits_rad(0, 0.0, share) for share in (0.0, 0.5, 1.0)]
+    waits = [framed.widening_rad(0, 0.0, share) for share in (0.0, 0.5, 1.0)]
     np.testing.assert_allclose(np.degrees(waits), [18.0, 9.0, 0.0])
-    assert np.degrees(framed.waits_rad(0, np.radians(60.0), 0.0)) < 0.1  # a walker crosses the picture
+    assert np.degrees(framed.widening_rad(0, np.radians(60.0), 0.0)) < 0.1  # a walker crosses the picture
     assert framed.excursion_s(1.2) == pytest.approx(1.8)
 
 

@@ -37,13 +37,13 @@ def frame(time_s, positions_m, names=None, noise_m=0.0, rng=None):
 
 def shown(crowd, frames):
     """Process frames; returns the result of each detection, one list per frame."""
-    return [crowd.see(each) for each in frames]
+    return [crowd.observe(each) for each in frames]
 
 
 def stand(crowd, places_m, seconds=0.5, names=None, from_s=0.0):
     """Process detections of standing people; returns the time of the last frame."""
     for k in range(round(seconds / FRAME_S)):
-        crowd.see(frame(from_s + k * FRAME_S, places_m, names))
+        crowd.observe(frame(from_s + k * FRAME_S, places_m, names))
     return from_s + (round(seconds / FRAME_S) - 1) * FRAME_S
 
 
@@ -95,7 +95,7 @@ def test_names_resolve_ambiguous_associations():
         for t in TIMES_S:
             places_m = [where + 0.15 * rng.standard_normal(3) for where in (A_M, near_m)]
             seen = [replace(each, position_covariance_m2=noise_m2) for each in frame(0.5 + t, places_m, names)]
-            kept.append([number for number, _ in crowd.see(seen)] == [1, 2])
+            kept.append([number for number, _ in crowd.observe(seen)] == [1, 2])
         return np.mean(kept)
 
     assert share_kept(["a", "b"]) == 1.0
@@ -115,9 +115,9 @@ def test_late_first_detections_give_the_forecast_of_ordered_ones():
     in_order, shuffled = people(), people()
     found = []
     for k in range(8):
-        in_order.see(frame(TIMES_S[k], [walk[k]]))
+        in_order.observe(frame(TIMES_S[k], [walk[k]]))
     for k in (2, 0, 3, 1, 4, 5, 7, 6):
-        found += shuffled.see(frame(TIMES_S[k], [walk[k]]))
+        found += shuffled.observe(frame(TIMES_S[k], [walk[k]]))
     assert found[1] == (0, Became.LATE)
     assert found[2] == (1, Became.ENTERED)
     assert [became for _, became in found].count(Became.LATE) == 3
@@ -138,9 +138,9 @@ def test_late_first_detections_give_the_forecast_of_ordered_ones():
 def test_ambiguous_late_first_detections_are_dropped(late_s, there_m, name):
     crowd = people()
     for k in range(5):
-        crowd.see(frame(k * FRAME_S, there_m, ["a", "b"][: len(there_m)]))
+        crowd.observe(frame(k * FRAME_S, there_m, ["a", "b"][: len(there_m)]))
     late = replace(frame(late_s, [A_M])[0], person_id=name or None)
-    assert crowd.see([late]) == [(1, Became.OUT_OF_ORDER)]
+    assert crowd.observe([late]) == [(1, Became.OUT_OF_ORDER)]
 
 
 def test_a_track_ends_after_the_coasting_time():
@@ -175,7 +175,7 @@ def test_queued_observations_are_processed_on_demand():
     walk = straight([2.0, -1.5, 0.4], [0.2, 1.0, 0.0], TIMES_S)
     crowd, alone = People(Walker), Walker()
     for k, t in enumerate(TIMES_S):
-        crowd.see(frame(t, [walk[k], B_M * 2]))
+        crowd.observe(frame(t, [walk[k], B_M * 2]))
     for k, t in enumerate(TIMES_S):
         if t >= TIMES_S[-1] - 1.5:
             alone.update(frame(t, [walk[k]])[0])
@@ -196,7 +196,7 @@ def test_association_is_one_to_one_and_track_numbers_are_unique(data):
         late = data.draw(st.sampled_from([0.0, 0.0, 0.0, -0.2, 2.0]))
         places = [np.array([data.draw(numbers) for _ in range(3)]) for _ in range(count)]
         names = [data.draw(st.sampled_from([None, "a", "b"])) for _ in range(count)]
-        found = crowd.see(frame(k * FRAME_S + late, places, names))
+        found = crowd.observe(frame(k * FRAME_S + late, places, names))
         taken = [number for number, became in found if became in (Became.USED, Became.RENAMED, Became.ENTERED)]
         assert len(taken) == len(set(taken))
         now = numbers_at(crowd, k * FRAME_S + late)
@@ -210,7 +210,7 @@ def test_association_is_one_to_one_and_track_numbers_are_unique(data):
 def test_tracks_are_confirmed_above_a_minimum_frame_rate(rate_hz, tracks_expected):
     people = People(ConstantVelocity)
     for k in range(4):
-        people.see([HeadObservation(k / rate_hz, np.array([2.0, 0.0, 0.3]))])
+        people.observe([HeadObservation(k / rate_hz, np.array([2.0, 0.0, 0.3]))])
     assert len(people.confirmed) == tracks_expected
 
 

@@ -23,7 +23,7 @@ def frozen_at(path_m, rate_hz, sensor_m=None):
     tracker = FrozenTracker()
     times_s = np.arange(len(path_m)) / rate_hz
     moving = [None] * len(path_m) if sensor_m is None else sensor_m
-    return [t for t, m, s in zip(times_s, path_m, moving, strict=True) if tracker.see(sighting(t, m, s))]
+    return [t for t, m, s in zip(times_s, path_m, moving, strict=True) if tracker.observe(sighting(t, m, s))]
 
 
 def walk_then(stops_m_s2, rate_hz, seconds=4.0, speed_m_s=1.2):
@@ -57,9 +57,9 @@ def test_standing_from_the_start_or_after_a_gap_is_not_frozen():
     # Lost for two seconds; then a person stands 3 m away.
     tracker = FrozenTracker()
     for i in range(60):
-        assert not tracker.see(sighting(i / 30.0, [2.0, 0.5, 0.3]))
+        assert not tracker.observe(sighting(i / 30.0, [2.0, 0.5, 0.3]))
     for i in range(60):
-        assert not tracker.see(sighting(4.0 + i / 30.0, [2.0, 3.5, 0.3]))
+        assert not tracker.observe(sighting(4.0 + i / 30.0, [2.0, 3.5, 0.3]))
 
 
 def test_tracker_noise_is_neither_walking_nor_frozen():
@@ -228,7 +228,7 @@ def test_forecast_displacement_is_bounded_by_running_speed(speed_m_s):
     track, recorder = PersonTrack(Runs(), LoopSettings()), make_recorder()
     for k in range(12):
         seen = HeadObservation(k / 30, np.array([2.5, 0.0, 0.4]))
-        track.take_in([Sighting(k / 30, seen)], k / 30, recorder)
+        track.assimilate([Sighting(k / 30, seen)], k / 30, recorder)
     times_s = 11 / 30 + LATER_S
     found = track.forecast(times_s, 11 / 30, recorder)
     most_m = 0.3 + 3.0 * LATER_S
@@ -244,7 +244,7 @@ def test_forecasts_leave_the_picture_by_at_most_half_its_width(aside_m_s, most_d
     track, recorder = PersonTrack(ConstantVelocity(), LoopSettings()), make_recorder()
     for k in range(16):
         seen = HeadObservation(k / 30, np.array([0.1 + aside_m_s * (k / 30 - 0.5), 0.8, 0.1]))
-        track.take_in([Sighting(k / 30, seen, view=view)], k / 30, recorder)
+        track.assimilate([Sighting(k / 30, seen, view=view)], k / 30, recorder)
     found = track.forecast(0.5 + LATER_S, 0.5, recorder)
     off_m = found.means_base_m - view.position_base_m
     off_deg = np.rad2deg(np.arctan2(np.abs(off_m[:, 0]), off_m[:, 1]))

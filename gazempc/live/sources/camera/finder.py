@@ -96,7 +96,7 @@ class FaceFinder:
         self._turn = 0
         self._latest_s = -math.inf
 
-    def see(self, picture: Any, time_s: float) -> list[FaceTrack]:
+    def detect(self, picture: Any, time_s: float) -> list[FaceTrack]:
         """Process one picture.
 
         Args:
@@ -245,7 +245,7 @@ class FaceSensor:
         self._finder = FaceFinder(detector)
         self._intrinsics = intrinsics
 
-    def see(self, picture: Any, time_s: float) -> list[HeadObservation]:
+    def detect(self, picture: Any, time_s: float) -> list[HeadObservation]:
         """Process one picture.
 
         Args:
@@ -256,7 +256,7 @@ class FaceSensor:
             One observation per named person, in the camera's frame: x along the view, y left, z up.
         """
         heads = []
-        for person in self._finder.see(picture, time_s):
+        for person in self._finder.detect(picture, time_s):
             rays = self._intrinsics.rays(person.face.points_px)
             point_sd = POINT_SD * person.side_px / self._intrinsics.focal_px
             heads.append(head_from_points(rays, point_sd, person.face.score, time_s, person.person_id))

@@ -164,7 +164,7 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
                 continue  # a repeated picture
             latest_s = captured_s
             started_s = time.perf_counter()
-            observations = sensor.see(picture.rgb, captured_s)
+            observations = sensor.detect(picture.rgb, captured_s)
             for observation in observations:
                 parent.send(observation)
             if why := rate.judge(captured_s, bool(observations), time.perf_counter() - started_s):
