@@ -4,6 +4,7 @@ import json
 import math
 import os
 import shutil
+import socket
 import subprocess
 import threading
 import time
@@ -255,7 +256,16 @@ def test_silence_gives_no_reading_then_raises_and_recovers(server, make):
 
 
 @pytest.mark.slow
-def test_a_daemon_without_reception_does_not_block_the_loop(server, make):
+def test_a_daemon_without_reception_does_not_block_the_loop(server, make, monkeypatch):
+    """With a send buffer of 8 kB, which fills within a second."""
+    connect = socket.create_connection
+
+    def with_small_buffer(*arguments, **options):
+        connection = connect(*arguments, **options)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 8192)
+        return connection
+
+    monkeypatch.setattr(socket, "create_connection", with_small_buffer)
     neck = make()
     server.deaf.set()
     longest_s = 0.0
