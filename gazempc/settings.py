@@ -168,12 +168,13 @@ class MpcSettings(Settings):
     )
 
 
+COMPUTE_DELAY_MEANS = "Time from the start of planning to the plan's first command"
+
+
 class LoopSettings(Settings):
     """Timeouts of the loop, and limits of a run in addition to the neck's."""
 
-    compute_delay_s: float = Field(
-        default=0.0, ge=0, le=0.1, description="Time from the start of planning to the plan's first command"
-    )
+    compute_delay_s: float = Field(default=0.0, ge=0, le=0.1, description=COMPUTE_DELAY_MEANS)
     stale_after_s: float = Field(default=0.5, gt=0, description="An observation older than this is dropped")
     lost_after_s: float = Field(default=1.0, gt=0, description="After this time without an observation, the neck stops")
     rest_after_s: float = Field(

@@ -19,7 +19,14 @@ from gazempc.part_options import check_options
 from gazempc.parts import ADDRESSED, CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own, split_address
 from gazempc.robots.options import RobotChoice, RobotOptions
 from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S, VIEW_DEG
-from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
+from gazempc.settings import (
+    COMPUTE_DELAY_MEANS,
+    DEFAULT_PREDICTOR,
+    ControllerChoice,
+    GazeSettings,
+    LoopSettings,
+    PredictorChoice,
+)
 from gazempc.sim.scene import SceneSettings, StageSettings
 
 # Sources with time stamps of another clock.
@@ -30,14 +37,19 @@ SOURCES = (
 )
 
 
+class LiveLoopSettings(LoopSettings):
+    """Timeouts and limits of a loop whose plans are made in the background."""
+
+    compute_delay_s: float = Field(default=0.01, ge=0, le=0.1, description=COMPUTE_DELAY_MEANS)
+
+
 class MountedSettings(GazeSettings):
     """Settings of a live run from Python and from the command line."""
 
     motion: Motion = Field(default="robot", description=MOTION_MEANS)
     mount: Mount = Mount()
     use_ids: bool = Field(default=True, description="Use the tracker's names of people")
-    # Computing delay of plans made in the background.
-    loop: LoopSettings = LoopSettings(compute_delay_s=0.01)
+    loop: LiveLoopSettings = LiveLoopSettings()
     options: RobotOptions = RobotOptions()
 
 

@@ -11,8 +11,8 @@ from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 
+from gazempc.live.settings import LiveLoopSettings
 from gazempc.live.setup import LiveGazeSettings
-from gazempc.settings import LoopSettings
 
 # Parameters of the command line that are arguments of `Gaze`, and options of robots that no ROS 2 robot uses.
 _ARGUMENTS = {
@@ -22,7 +22,7 @@ _ARGUMENTS = {
     "predictor": ("", "Forecast of the head; empty for the default, walker"),
 }
 # Messages are processed in Python concurrently with the plans: with 10 ms, as in a live run, 2 to 10 % are late.
-_DEFAULTS = LiveGazeSettings(loop=LoopSettings(compute_delay_s=0.02))
+_DEFAULTS = LiveGazeSettings(loop=LiveLoopSettings(compute_delay_s=0.02))
 _BOUNDS, _FAR = ("ge", "gt", "le", "lt"), 1e15
 _LEFT_OUT = ("options.dynamixel", "options.reachy_mini", "options.visca", "options.onvif", "options.ros2.use_sim_time")
 

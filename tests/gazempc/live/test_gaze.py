@@ -53,6 +53,12 @@ def test_the_gaze_follows_and_the_neck_is_braked_however_the_block_ends():
     assert limit_violations(log, NECK) == 0
 
 
+def test_a_setting_of_the_loop_keeps_the_defaults_of_a_live_loop():
+    usual, changed = gaze(Robot()).settings.loop, gaze(Robot(), loop={"lost_after_s": 2.0}).settings.loop
+    assert changed == usual.model_copy(update={"lost_after_s": 2.0})
+    assert usual.compute_delay_s > 0.0
+
+
 def test_a_raising_listener_is_an_event_and_the_run_continues():
     ticks, robot = [], Robot()
 
