@@ -12,26 +12,35 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 import tyro
 import yaml
 
 from gazempc.command import TYRO_CONFIG, Progress, command_line, run_interruptible
 from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
+from gazempc.loop.build import make_controller
+from gazempc.loop.events import MEANINGS
+from gazempc.neck.spec import NeckSpec, load_neck, neck_names
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR, TRUE_FUTURE
-from gazempc.results.log_files import has_log
+from gazempc.recordings.readers.table import remember_columns, shipped_mappings
+from gazempc.recordings.recording import truth_of
+from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names
+from gazempc.recordings.synthetic.walks import synthetic_names
+from gazempc.results.attention import attention_lines, measure_attention
+from gazempc.results.log import Log
+from gazempc.results.log_files import has_log, load_log
+from gazempc.results.mcap import write_mcap
+from gazempc.results.run_summary import faults, label, write_summary
+from gazempc.results.table import Repeats, measured_again, sentence, table
 from gazempc.run_settings import RunSettings, config_path, load_settings
 from gazempc.signals import Interrupted
-
-if TYPE_CHECKING:
-    from gazempc.neck.spec import NeckSpec
-    from gazempc.results.log import Log
-    from gazempc.results.table import Repeats
-    from gazempc.sim.scene import Scene
-
+from gazempc.sim.repeat import replay_repeatedly
+from gazempc.sim.scene import Scene, make_scene
+from gazempc.sim.sensor import load_sensor, sensor_names
 
 # Known share of the true head below which a note is printed.
 _KNOWN_SHARE = 0.9
@@ -67,12 +76,6 @@ def _work(settings: RunSettings, command: str) -> int:
 
 def _listing() -> str:
     """Names of recordings, necks and sensors, and accepted file formats."""
-    from gazempc.neck.spec import load_neck, neck_names  # noqa: PLC0415
-    from gazempc.recordings.readers.table import shipped_mappings  # noqa: PLC0415
-    from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names  # noqa: PLC0415
-    from gazempc.recordings.synthetic.walks import synthetic_names  # noqa: PLC0415
-    from gazempc.sim.sensor import load_sensor, sensor_names  # noqa: PLC0415
-
     walks, everyday = synthetic_names(), everyday_names()
     lines = [
         "Recordings (synthetic, generated from the name; 14 people):",
@@ -128,10 +131,6 @@ def parse(words: Sequence[str]) -> RunSettings:
 
 def _run(settings: RunSettings, command: str) -> None:
     progress = Progress()
-    # Local imports of slow libraries: --help and error messages without delay.
-    from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
-    from gazempc.sim.scene import make_scene  # noqa: PLC0415
-
     scene = make_scene(settings.replay or "", settings, all_people=settings.attend is not None)
     out = settings.out or Path("out") / scene.name
     resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
@@ -142,12 +141,6 @@ def _run(settings: RunSettings, command: str) -> None:
 
 
 def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command: str, progress: Progress) -> None:
-    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
-    from gazempc.results.mcap import write_mcap  # noqa: PLC0415
-    from gazempc.results.run_summary import faults, label, write_summary  # noqa: PLC0415
-    from gazempc.results.table import sentence, table  # noqa: PLC0415
-    from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
-
     walk, neck, out = scene.walk, scene.neck, resolved.out or Path()
     done = replay_repeatedly(scene, resolved, settings.controllers, settings.noise_seeds, progress)
     repeats = done.repeats
@@ -173,8 +166,9 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
         "settings": shown,
         "faults": survived,
         "noise": noise,
-        **_attention(settings, logs),
     }
+    if settings.several:
+        about["attention"] = {name: asdict(measure_attention(log)) for name, log in logs.items()}
     write_summary(out / "summary.json", about, [r.first for r in repeats])
 
     print(f"{_heading(settings, scene)}\n{done.seeds_note}")
@@ -195,8 +189,7 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
         if done.interrupted:
             raise done.interrupted
         progress.begin("writing the report")
-        drawn = _draw(logs, out) if settings.figures else []
-        report = _report(logs, repeats, [*notes, *other_seeds], out, drawn, command, shown)
+        report, *drawn = _report(logs, repeats, [*notes, *other_seeds], settings.figures, out, command, shown)
     except Interrupted as stop:
         stop.add_note(f"{', '.join(logs)} with {len(seeds)} seed(s) of the noise are kept in {out}, without a report")
         raise
@@ -209,11 +202,6 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
 
 
 def _measure(path: Path, settings: RunSettings, command: str) -> None:
-    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
-    from gazempc.results.log_files import load_log  # noqa: PLC0415
-    from gazempc.results.run_summary import write_summary  # noqa: PLC0415
-    from gazempc.results.table import measured_again, table  # noqa: PLC0415
-
     log = load_log(path)
     out = settings.out or Path("out") / path.stem
     logs, repeats = {log.run.controller: log}, measured_again(log)
@@ -225,8 +213,7 @@ def _measure(path: Path, settings: RunSettings, command: str) -> None:
         print(f"\n{table([repeats], log.neck, truth_of(log.run.kind))}\n")
         for line in _events(log):
             print(f"  {line}")
-        drawn = _draw(logs, out) if settings.figures else []
-        report = _report(logs, [repeats], _notes(log), out, drawn, command, log.run.settings)
+        report, *drawn = _report(logs, [repeats], _notes(log), settings.figures, out, command, log.run.settings)
         print(f"Written to {out}/: {', '.join([report, 'summary.json', *drawn])}")
 
 
@@ -253,8 +240,6 @@ def _heading(settings: RunSettings, scene: Scene) -> str:
 
 def _notes(log: Log) -> list[str]:
     """Notes on the whole table."""
-    import numpy as np  # noqa: PLC0415
-
     notes = []
     if "low_frame_rate" in log.event_name:
         rate_hz = 1.0 / float(np.median(np.diff(np.unique(log.capture_time_s))))
@@ -272,26 +257,15 @@ def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
     """Warnings about small stability margins of the MPC."""
     if not {"mpc", TRUE_FUTURE} & set(settings.controllers):
         return []
+    # Local imports of slow libraries: --help and error messages without delay.
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
-    from gazempc.loop.build import make_controller  # noqa: PLC0415
     from gazempc.margins.margins import too_small  # noqa: PLC0415
 
     mpc = make_controller("mpc", neck, settings, {})
     return too_small(mpc) if isinstance(mpc, Mpc) else []
 
 
-def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:
-    """Attention metrics of each controller; empty for one person without gaze aversion."""
-    from gazempc.results.attention import measure_attention  # noqa: PLC0415
-
-    if settings.attend is None and settings.look_away.rhythm == "no":
-        return {}
-    return {"attention": {name: asdict(measure_attention(log)) for name, log in logs.items()}}
-
-
 def _events(log: Log) -> list[str]:
-    from gazempc.results.attention import attention_lines, measure_attention  # noqa: PLC0415
-
     with_text = {fault.event for fault in log.faults}
     lines = [
         f"{event} {int((log.event_name == event).sum())} x"
@@ -302,36 +276,31 @@ def _events(log: Log) -> list[str]:
     return [*attention_lines(measure_attention(log)), *lines, *(fault.line for fault in log.faults)]
 
 
-def _draw(logs: dict[str, Log], out: Path) -> list[str]:
-    from gazempc.results.figures.angles import angles  # noqa: PLC0415
-    from gazempc.results.figures.animation import animate  # noqa: PLC0415
-    from gazempc.results.figures.overview import attended, overview  # noqa: PLC0415
-    from gazempc.results.figures.people import has_attention  # noqa: PLC0415
-
-    figures = {"overview.png": overview, "angles.png": angles, "gaze.gif": animate}
-    if has_attention(logs):
-        figures["attended.png"] = attended
-    for name, draw in figures.items():
-        with naming(out / name):
-            draw(logs, out / name)
-    return list(figures)
-
-
 def _report(
     logs: dict[str, Log],
     repeats: list[Repeats],
     notes: list[str],
+    figures: bool,
     out: Path,
-    drawn: list[str],
     command: str,
     settings: dict[str, Any],
-) -> str:
-    from gazempc.loop.events import MEANINGS  # noqa: PLC0415
+) -> list[str]:
+    """Write the report and, if wanted, the figures; returns their names, the report's first."""
+    from gazempc.results.figures.angles import angles  # noqa: PLC0415
+    from gazempc.results.figures.animation import animate  # noqa: PLC0415
+    from gazempc.results.figures.overview import attended, overview  # noqa: PLC0415
+    from gazempc.results.figures.people import has_attention  # noqa: PLC0415
     from gazempc.results.page.run_page import run_page  # noqa: PLC0415
     from gazempc.results.page.write import write_page  # noqa: PLC0415
 
-    pictures = [out / name for name in drawn]
-    return write_page(run_page(logs, repeats, notes, MEANINGS, pictures, command, settings), out)
+    draw = {"overview.png": overview, "angles.png": angles, "gaze.gif": animate} if figures else {}
+    if figures and has_attention(logs):
+        draw["attended.png"] = attended
+    for name, draw_one in draw.items():
+        with naming(out / name):
+            draw_one(logs, out / name)
+    pictures = [out / name for name in draw]
+    return [write_page(run_page(logs, repeats, notes, MEANINGS, pictures, command, settings), out), *draw]
 
 
 if __name__ == "__main__":

@@ -167,8 +167,6 @@ def _of_joint(mpc: Mpc, index: int) -> Margins:
     lags = np.mod(np.deg2rad(phases), 2.0 * math.pi) / crossings
     # Seiler, Packard & Gahinet (2020), An introduction to disk margins: of S - T, for which both are symmetric.
     disk = 1.0 / float(np.abs(1.0 / (1.0 + response) - 0.5).max())
-    states = loop.size
-    system = control.ss(loop.transition(), np.zeros((states, 1)), np.zeros((1, states)), 0.0, loop.period_s)
 
     def stable(error: Mismatch) -> bool:
         return _is_stable(LinearLoop(mpc, index, error))
@@ -179,7 +177,7 @@ def _of_joint(mpc: Mpc, index: int) -> Margins:
     faster = _first_unstable(lambda x: stable(Mismatch(frequency=math.exp(x))), *steps)
     return Margins(
         joint=joint,
-        poles=np.asarray(system.poles()),
+        poles=np.linalg.eigvals(loop.transition()),
         period_s=loop.period_s,
         omega_rad_s=omega,
         loop=response,

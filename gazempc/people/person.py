@@ -170,25 +170,29 @@ class TrackedPerson:
         while len(self._waiting) > 1:
             self._waiting.popleft()
 
-    def state(self, time_s: float, position_base_m: FloatArray) -> PersonState:
+    def position_m(self, time_s: float) -> FloatArray:
+        """Position at a time, at constant velocity since the last sighting, shape (3,), metres."""
+        return np.asarray(self.motion.position_m[0] + (time_s - self.seen_s) * self.motion.velocity_m_s[0])
+
+    def state(self, time_s: float) -> PersonState:
         """The person at a time.
 
         Args:
             time_s: The time, seconds.
-            position_base_m: Position at that time, shape (3,), metres.
 
         Returns:
             The estimate.
         """
         facing = self._oriented
-        lately = facing is not None and time_s - facing.capture_time_s <= _ORIENTATION_LASTS_S
+        if facing is not None and time_s - facing.capture_time_s > _ORIENTATION_LASTS_S:
+            facing = None
         return PersonState(
             number=self.number,
             tracker_id=self.tracker_id,
             time_s=time_s,
-            position_base_m=position_base_m,
+            position_base_m=self.position_m(time_s),
             velocity_base_m_s=self.motion.velocity_m_s[0],
-            head_quat_wxyz=facing.head_quat_wxyz if facing is not None and lately else None,
+            head_quat_wxyz=None if facing is None else facing.head_quat_wxyz,
             seen_s=self.seen_s,
             since_s=self.since_s,
         )
