@@ -135,26 +135,23 @@ def _run(settings: RunSettings, command: str) -> None:
     out = settings.out or Path("out") / scene.name
     resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
     with begin_folder(out):
-        _replay(scene, settings, resolved, command, progress)
+        _replay(scene, resolved, out, command, progress)
     if remembered := remember_columns(Path(settings.replay or ""), settings.reading):
         print(remembered)
 
 
-def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command: str, progress: Progress) -> None:
-    walk, neck, out = scene.walk, scene.neck, resolved.out or Path()
-    done = replay_repeatedly(scene, resolved, settings.controllers, settings.noise_seeds, progress)
-    repeats = done.repeats
-    seeds = list(repeats[0].seeds)
+def _replay(scene: Scene, settings: RunSettings, out: Path, command: str, progress: Progress) -> None:
+    walk, neck = scene.walk, scene.neck
+    done = replay_repeatedly(scene, settings, settings.controllers, settings.noise_seeds, progress)
+    repeats, seeds = done.repeats, list(done.repeats[0].seeds)
     logs = {name: log for name, (log, _) in done.first.items()}
     for name, (log, times) in done.first.items():
         log.save(out / f"{name}.npz")
         times.save(out / f"{name}_compute.npz")
         if settings.log == "mcap":
             write_mcap(log, out / f"{name}.mcap", done.plans[name])
-    shown = resolved.model_dump(mode="json") | {"noise_seeds": len(seeds)}
+    shown = settings.model_dump(mode="json") | {"noise_seeds": len(seeds)}
     write_whole(out / "settings.yaml", yaml.safe_dump(shown, sort_keys=False))
-    survived = {name: faults(log) for name, log in logs.items()}
-    noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
     against = truth_of(walk.kind)
     noted = _notes(next(iter(logs.values()))) + _margins(settings, neck)
     notes = [*walk.notes, *noted]
@@ -164,8 +161,8 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
         "scored_against": against or "the true head",
         "notes": notes,
         "settings": shown,
-        "faults": survived,
-        "noise": noise,
+        "faults": {name: faults(log) for name, log in logs.items()},
+        "noise": {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults},
     }
     if settings.several:
         about["attention"] = {name: asdict(measure_attention(log)) for name, log in logs.items()}
@@ -175,15 +172,13 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
     for note in noted:
         print(f"Note: {note}")
     print(f"\n{table(repeats, neck, against)}\n\n{sentence(repeats)}\n")
-    for name, log in logs.items():
-        for line in _events(log):
-            print(f"  {label(name)}: {line}")
+    events = [f"{label(name)}: {line}" for name, log in logs.items() for line in _events(log)]
     other_seeds = [
         f"seed {seed}: exceptions of {', '.join(map(label, names))}: see summary.json"
         for seed, names in done.faults.items()
         if seed != seeds[0]
     ]
-    for line in other_seeds:
+    for line in [*events, *other_seeds]:
         print(f"  {line}")
     try:
         if done.interrupted:
@@ -194,10 +189,8 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
         stop.add_note(f"{', '.join(logs)} with {len(seeds)} seed(s) of the noise are kept in {out}, without a report")
         raise
     of_each = f"a log (.npz{', .mcap' if settings.log == 'mcap' else ''}) and computing times of each controller"
-    written = [report, "summary.json", "settings.yaml", of_each, *drawn]
-    print(f"Written to {out}/: {', '.join(written)}")
-    violations = sum(int(sum(r.values("limit_violations"))) for r in repeats)
-    if violations:
+    print(f"Written to {out}/: {', '.join([report, 'summary.json', 'settings.yaml', of_each, *drawn])}")
+    if violations := sum(int(sum(r.values("limit_violations"))) for r in repeats):
         raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
 
 
@@ -232,7 +225,7 @@ def _heading(settings: RunSettings, scene: Scene) -> str:
     view = scene.sensor.view
     sees = f", sees {view.horizontal_deg:g} x {view.vertical_deg:g} deg from its {view.on}" if view.limited else ""
     return (
-        f"{walk.name}: {', '.join(part for part in parts if part)}\n{notes}"
+        f"{walk.name}: {', '.join(filter(None, parts))}\n{notes}"
         f"neck {scene.neck.name}, sensor {scene.sensor.name} ({1e3 * scene.sensor.latency_s:.0f} ms late{sees}), robot "
         f"{stands}; scored from 1.0 s to the end"
     )
@@ -296,10 +289,10 @@ def _report(
     draw = {"overview.png": overview, "angles.png": angles, "gaze.gif": animate} if figures else {}
     if figures and has_attention(logs):
         draw["attended.png"] = attended
-    for name, draw_one in draw.items():
-        with naming(out / name):
-            draw_one(logs, out / name)
-    pictures = [out / name for name in draw]
+    pictures = {out / name: draw_one for name, draw_one in draw.items()}
+    for path, draw_one in pictures.items():
+        with naming(path):
+            draw_one(logs, path)
     return [write_page(run_page(logs, repeats, notes, MEANINGS, pictures, command, settings), out), *draw]
 
 

@@ -177,7 +177,7 @@ def _of_joint(mpc: Mpc, index: int) -> Margins:
     faster = _first_unstable(lambda x: stable(Mismatch(frequency=math.exp(x))), *steps)
     return Margins(
         joint=joint,
-        poles=np.linalg.eigvals(loop.transition()),
+        poles=np.asarray(np.linalg.eigvals(loop.transition()), dtype=np.complex128),
         period_s=loop.period_s,
         omega_rad_s=omega,
         loop=response,

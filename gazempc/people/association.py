@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray
 from predictors.gate import GATE_D2, allowance_m
 
 # Process noise of people who turn and stop; larger than a predictor's, as constant velocity is a coarse model.
@@ -156,13 +156,10 @@ def assign(
     apart = measured_m - expected.position_m[:, None]
     d2 = (apart[:, :, None, :] @ np.linalg.inv(spread) @ apart[:, :, :, None])[:, :, 0, 0]
     near = d2 <= GATE_D2  # False for NaN
-    cost = np.where(near, d2 + np.log(np.linalg.det(spread)) + _name_cost(track_names, names), _NEVER)
+    named = [
+        [_NO_NAME_COST if None in (ours, theirs) else _OTHER_NAME_COST * (ours != theirs) for theirs in names]
+        for ours in track_names
+    ]
+    cost = np.where(near, d2 + np.log(np.linalg.det(spread)) + np.array(named), _NEVER)
     rows, columns = linear_sum_assignment(cost)
     return [(row, column) for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if near[row, column]]
-
-
-def _name_cost(track_names: Sequence[str | None], names: Sequence[str | None]) -> FloatArray:
-    ours, theirs = np.array(track_names, dtype=object), np.array(names, dtype=object)
-    same: BoolArray = np.asarray(ours[:, None] == theirs, dtype=np.bool_)
-    unknown: BoolArray = np.asarray(ours == None)[:, None] | np.asarray(theirs == None)  # noqa: E711  (elementwise)
-    return np.where(unknown, _NO_NAME_COST, np.where(same, 0.0, _OTHER_NAME_COST))

@@ -211,20 +211,19 @@ class LookAways:
             aversion = replace(aversion, start_s=earliest_s, end_s=moved_s)
         begun = self._begun(begun_by_s)
         possible = fitted(aversion, self._neck)
-        clashes = possible is not None and any(
+        if possible is None or any(
             each.start_s - _CONTACT_S < possible.end_s and possible.start_s < each.end_s + _CONTACT_S for each in begun
-        )
-        if possible is None or clashes:
+        ):
             self.left_out += 1
             return False
         self._planned = sorted([*begun, possible], key=lambda each: each.start_s)
         self._rhythm_from_s = max(each.end_s for each in self._planned)
         return True
 
-    def _begins_s(self, aversion: Aversion) -> float:
-        shift = self._shift(aversion.aside_rad, aversion.up_rad)
-        return aversion.start_s - shift.leaves_after_s
-
     def _begun(self, by_s: float) -> list[Aversion]:
         """Scheduled aversions that have begun by a time, or were requested."""
-        return [each for each in self._planned if self._begins_s(each) <= by_s or each.why not in RHYTHMS]
+        return [
+            each
+            for each in self._planned
+            if each.why not in RHYTHMS or each.start_s - self._shift(each.aside_rad, each.up_rad).leaves_after_s <= by_s
+        ]

@@ -159,10 +159,8 @@ def time_from_start_to_contact(log: Log, error_deg: FloatArray, start_s: float) 
 
 def _lasting(flags: BoolArray, ticks: int) -> BoolArray:
     """Whether the flag is true at each tick and the ``ticks - 1`` following ones."""
-    if flags.size < ticks:
-        return np.zeros(flags.size, dtype=np.bool_)
-    run = np.convolve(flags, np.ones(ticks), "valid") == ticks
-    return np.concatenate([run, np.zeros(flags.size - run.size, dtype=np.bool_)])
+    until_end = np.append(flags, np.zeros(ticks - 1, dtype=np.bool_))
+    return np.asarray(np.convolve(until_end, np.ones(ticks), "valid") == ticks)
 
 
 # Interval of the central difference that estimates the true rate of the head's direction (docs/metrics.md).

@@ -52,8 +52,7 @@ def head_offset_deg(log: Log) -> FloatArray:
     )
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     # Length from the error angle, not its tangents: also valid for a head beside or behind the gaze.
-    offset: FloatArray = gaze_error_deg(log)[:, None] * across / np.maximum(length, 1e-12)
-    return offset
+    return np.asarray(gaze_error_deg(log)[:, None] * across / np.maximum(length, 1e-12))
 
 
 def frame_times(length_s: float) -> FloatArray:
