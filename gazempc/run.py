@@ -67,8 +67,9 @@ def _work(settings: RunSettings, command: str) -> int:
         return 0
     if settings.replay is None:
         raise GazempcError("nothing to replay: set --replay NAME_OR_PATH (see --list)")
-    if _is_log(Path(settings.replay)):
-        _measure(Path(settings.replay), settings, command)
+    path = Path(settings.replay)
+    if path.suffix == ".npz" or (path.suffix == ".mcap" and has_log(path)):
+        _measure(path, settings, command)
     else:
         _run(settings, command)
     return 0
@@ -97,11 +98,6 @@ def _listing() -> str:
     lines.append("Sensors (or a .toml file):")
     lines += [f"  {name:<14}  {load_sensor(name).source}" for name in sensor_names()]
     return "\n".join(lines)
-
-
-def _is_log(path: Path) -> bool:
-    """Whether `--replay` re-evaluates this file instead of replaying it."""
-    return path.suffix == ".npz" or (path.suffix == ".mcap" and has_log(path))
 
 
 def parse(words: Sequence[str]) -> RunSettings:

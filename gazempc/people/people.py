@@ -11,7 +11,7 @@ import numpy as np
 
 from gazempc.neck.kinematics import pan_tilt_rad, unit_vector, wrapped_rad
 from gazempc.people.association import Motion, assign
-from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
+from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 
@@ -147,15 +147,10 @@ class People:
             return []
         unseen_s: FloatArray = np.array([capture_s - track.seen_s for track in tracks])
         expected = Motion.stack([track.motion for track in tracks]).after(unseen_s)
-        measured_m = np.array([seen.head_position_base_m for seen in observations])
-        noise_m2 = np.array([noise_of(seen) for seen in observations])
-        names = [seen.person_id for seen in observations]
-        pairs = assign(expected, unseen_s, [track.tracker_id for track in tracks], measured_m, noise_m2, names)
-        rows, columns = [row for row, _ in pairs], [column for _, column in pairs]
-        corrected = expected.of(rows).corrected(measured_m[columns], noise_m2[columns])
-        for k, row in enumerate(rows):
-            tracks[row].motion = corrected.of(slice(k, k + 1))
-        return [(tracks[row], column) for row, column in pairs]
+        found = assign(expected, unseen_s, [track.tracker_id for track in tracks], observations)
+        for row, _, motion in found:
+            tracks[row].motion = motion
+        return [(tracks[row], column) for row, column, _ in found]
 
     def _updated(self, track: TrackedPerson, observation: HeadObservation) -> Became:
         renamed = track.is_named_otherwise(observation)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.people.association import Motion
+from gazempc.people.association import Motion, noise_of
 from gazempc.people.tracker_faults import START_S, OrientationJumps, TrackStart
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
-from predictors.predictor import noise_m2
 
 # Synchronisation tolerance of cameras: people move by a centimetre in this time.
 ONE_FRAME_S = 0.01
@@ -21,8 +20,6 @@ ONE_FRAME_S = 0.01
 _MEMORY_S = 1.5
 # Buffered sightings processed per frame: empties the buffer within half a second at 30 Hz.
 CATCH_UP = 3
-# Assumed covariance if a tracker states none; includes drift with posture.
-_POSITION_NOISE_M2 = 0.03**2 * np.eye(3)
 # Maximum age of an orientation: a head turns away in this time.
 _ORIENTATION_LASTS_S = 0.5
 
@@ -196,8 +193,3 @@ class TrackedPerson:
             seen_s=self.seen_s,
             since_s=self.since_s,
         )
-
-
-def noise_of(observation: HeadObservation) -> FloatArray:
-    """Covariance of a position's error, stated or assumed, shape (3, 3), square metres."""
-    return noise_m2(observation, _POSITION_NOISE_M2)

@@ -157,10 +157,8 @@ class OrientationJumps:
             return observation, False  # the predictor rejects observations out of order
         seen = {"head_quat_wxyz": observation.head_quat_wxyz, "pelvis_quat_wxyz": observation.pelvis_quat_wxyz}
         yaws_rad = {name: yaw_rad(quat) for name, quat in seen.items() if quat is not None}
-        jumped: dict[str, Any] = {}
-        if time_s - self._time_s <= _JUMP_WITHIN_S:
-            both = yaws_rad.keys() & self._yaws_rad.keys()
-            jumped = {n: None for n in both if abs(wrap_rad(yaws_rad[n] - self._yaws_rad[n])) > _JUMP_RAD}
+        both = yaws_rad.keys() & self._yaws_rad.keys() if time_s - self._time_s <= _JUMP_WITHIN_S else ()
+        jumped: dict[str, Any] = {n: None for n in both if abs(wrap_rad(yaws_rad[n] - self._yaws_rad[n])) > _JUMP_RAD}
         self._time_s, self._yaws_rad = time_s, yaws_rad
         if not jumped:
             return observation, False

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from pydantic import ValidationError
 
-from gazempc.errors import SettingsError, shown
+from gazempc.errors import SettingsError, importing, shown
 from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
 from gazempc.results.log import FORECAST_HORIZONS_S, Fault, Log, RunInfo
@@ -126,12 +126,11 @@ def attached_log(path: Path) -> bytes:
         Bytes of `gazempc.results.log.Log.save`.
 
     Raises:
-        SettingsError: If a package is missing, the file cannot be read, or no log is in it.
+        MissingOptionalDependencyError: If a package is missing.
+        SettingsError: If the file cannot be read, or no log is in it.
     """
-    try:
-        from mcap.reader import make_reader  # noqa: PLC0415  (optional)
-    except ImportError:
-        raise SettingsError(NEEDS_VIEW) from None
+    with importing("reading MCAP files", "mcap", "view"):
+        from mcap.reader import make_reader  # noqa: PLC0415
     try:
         check_file(path)
         with path.open("rb") as file:
