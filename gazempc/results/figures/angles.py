@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from gazempc.neck.kinematics import gaze_ray, look_at_rad, pan_tilt_rad, unwrap_pan
 from gazempc.neck.spec import AXES
@@ -45,8 +44,10 @@ def angles(logs: Logs, path: Path) -> None:
         axes[0, 0].set(ylabel="pan, left + (deg)", xlim=(0.0, end_s))
         axes[1, 0].set_ylabel("tilt, up + (deg)")
         # Legend of the line styles in use, in a neutral colour: colour denotes the controller.
-        handles = [Line2D([], [], **look, label=label) for label, look in drawn.items()]
-        figure.legend(handles=handles, loc="outside lower center", ncols=5 if len(logs) > 2 else 3, frameon=False)
+        for label, look in drawn.items():
+            axes[0, 0].plot([], [], **look, label=label)
+        handles, columns = axes[0, 0].get_legend_handles_labels(), 5 if len(logs) > 2 else 3
+        figure.legend(*handles, loc="outside lower center", ncols=columns, frameon=False)
         finish(figure, logs, path)
 
 

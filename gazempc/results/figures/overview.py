@@ -143,8 +143,10 @@ def overview(logs: Logs, path: Path) -> None:
         if lines:
             rows, heights = ["people", *rows], [0.06 + 0.09 * len(lines), *heights]
         # The right half shows the names of the controllers.
-        mosaic: list[Any] = [["walk", row] for row in rows]
-        axes = figure.subplot_mosaic(mosaic, width_ratios=[1.0, 1.3], height_ratios=heights)
+        halves = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.3])
+        column = halves[1].subgridspec(len(rows), 1, height_ratios=heights)
+        axes = {row: figure.add_subplot(column[k]) for k, row in enumerate(rows)}
+        axes["walk"] = figure.add_subplot(halves[0])
         beside = draw_birds_eye(axes["walk"], logs)
         lines_of = "".join(f"; {part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
         axes["walk"].set_title(f"the walk from above, and where the robot looks{lines_of}", fontsize="medium")
