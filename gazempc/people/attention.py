@@ -140,11 +140,10 @@ class Attention:
         scores = [float(score) for score in self.policy.scores(company)] if company.people else []
         if len(scores) != len(company.people):
             raise ValueError(f"scores() returned {len(scores)} numbers for {len(company.people)} people")
-        scored = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
-        most = max((score for score, _ in scored), default=math.nan)
-        best = [number for score, number in scored if score == most]
-        # Equal scores keep the attended person.
-        return company.attended if company.attended in best else min(best, default=None)
+        # Of equal scores that of the attended person, then of the one who entered first.
+        each = zip(scores, company.people, strict=True)
+        ranked = [(score, p.number == company.attended, -p.number) for score, p in each if not math.isnan(score)]
+        return -max(ranked)[2] if ranked else None
 
     def _within_limits(self, people: Sequence[PersonState]) -> tuple[PersonState, ...]:
         """People inside the distance limits, with hysteresis; the nearest ones, up to the maximum number."""
