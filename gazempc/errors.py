@@ -22,10 +22,7 @@ class RecordingError(GazempcError):
     """An unreadable recording; the message names file, location and expected content."""
 
     def __init__(self, source: str | Path, where: str, problem: str, expected: str) -> None:
-        self.source = str(source)
         self.where = where
-        self.problem = problem
-        self.expected = expected
         place = f"{source}: {_cut(where, _PLACE_SHOWN)}" if where else f"{source}"
         super().__init__(f"{place}: {_cut(problem, _PROBLEM_SHOWN)}. Expected: {expected}.")
 

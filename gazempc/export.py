@@ -17,10 +17,11 @@ import tyro
 from pydantic import BaseModel, Field
 
 from gazempc.command import TYRO_CONFIG, run_interruptible
-from gazempc.errors import SettingsError
+from gazempc.errors import importing
 from gazempc.files.whole import whole
 from gazempc.results.log import Log
 from gazempc.results.log_files import load_log
+from gazempc.results.mcap import write_mcap
 from gazempc.results.tables import Columns, log_tables
 
 
@@ -68,21 +69,18 @@ def export(log: Log, to: Literal["csv", "parquet", "mcap"], stem: Path) -> list[
         The files that were written.
 
     Raises:
-        SettingsError: If a package is missing.
+        MissingOptionalDependencyError: If a package is missing.
         OSError: If a file cannot be written.
     """
     if to == "mcap":
-        from gazempc.results.mcap import write_mcap  # noqa: PLC0415  (optional packages)
-
         path = stem.with_name(f"{stem.name}.mcap")
         write_mcap(log, path)
         return [path]
     write = _write_csv if to == "csv" else _write_parquet
-    paths = []
-    for name, columns in log_tables(vars(log)).items():
-        paths.append(stem.with_name(f"{stem.name}_{name}.{to}"))
-        write(columns, paths[-1])
-    return paths
+    tables = {stem.with_name(f"{stem.name}_{name}.{to}"): table for name, table in log_tables(vars(log)).items()}
+    for path, columns in tables.items():
+        write(columns, path)
+    return list(tables)
 
 
 def _write_csv(columns: Columns, path: Path) -> None:
@@ -97,11 +95,9 @@ def _write_csv(columns: Columns, path: Path) -> None:
 
 
 def _write_parquet(columns: Columns, path: Path) -> None:
-    try:
-        import pyarrow as pa  # noqa: PLC0415  (optional)
+    with importing("writing Parquet files", "pyarrow", "parquet"):
+        import pyarrow as pa  # noqa: PLC0415
         import pyarrow.parquet as pq  # noqa: PLC0415
-    except ImportError:
-        raise SettingsError('parquet needs pyarrow: pip install -e ".[parquet]"') from None
     with whole(path) as part:
         pq.write_table(pa.table(dict(columns)), part)
 

@@ -5,10 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from gazempc.controllers.controller import Controller
-from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import check_options
 from gazempc.parts import CONTROLLER, PREDICTOR
@@ -19,7 +16,7 @@ from gazempc.settings import DEFAULT_PREDICTOR
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import make_scene
 from gazempc.sim.sensor import SensorSpec
-from gazempc.specfiles import explain
+from gazempc.specfiles import checked
 from predictors import Predictor
 
 
@@ -66,17 +63,14 @@ def replay(
     }
     if isinstance(predictor, str):
         named["predictor"] = predictor
-    try:
-        checked = ReplaySettings.model_validate({**settings, **named})
-    except ValidationError as error:
-        raise SettingsError(explain(error, "replay", ReplaySettings)) from None
-    chosen = ((PREDICTOR, predictor), (CONTROLLER, controller))
-    check_options([(kind, choice) for kind, choice in chosen if isinstance(choice, str)], checked.options)
+    chosen = checked(ReplaySettings, {**settings, **named}, "replay")
+    parts = ((PREDICTOR, predictor), (CONTROLLER, controller))
+    check_options([(kind, choice) for kind, choice in parts if isinstance(choice, str)], chosen.options)
     scene = make_scene(
         recording,
-        checked,
+        chosen,
         neck if isinstance(neck, NeckSpec) else None,
         sensor if isinstance(sensor, SensorSpec) else None,
-        all_people=checked.attend is not None,
+        all_people=chosen.attend is not None,
     )
-    return replay_scene(scene, controller, predictor, checked).log
+    return replay_scene(scene, controller, predictor, chosen).log

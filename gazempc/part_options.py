@@ -6,11 +6,13 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, get_type_hints
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, ValidationError, create_model
 
 from gazempc.errors import SettingsError, shown, suggest
 from gazempc.files.documents import parse_yaml
 from gazempc.parts import Kind, check_members, error_line, find, is_own
+
+_ANY_TYPE = ConfigDict(arbitrary_types_allowed=True)
 
 
 def make(kind: Kind, choice: str, given: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
@@ -97,21 +99,17 @@ def check_options(choices: Iterable[tuple[Kind, str]], options: Mapping[str, Any
     """
     if not options:
         return
-    accepted: dict[str, None] = {}
-    for kind, choice in choices:
-        if is_own(choice):
-            for name in parameters(find(kind, choice)):
-                accepted |= dict.fromkeys((name, f"{kind.name}.{name}"))
+    own = [(kind, parameters(find(kind, choice))) for kind, choice in choices if is_own(choice)]
+    accepted = {key for kind, names in own for name in names for key in (name, f"{kind.name}.{name}")}
     if not accepted:
         raise SettingsError(
             f"options.{next(iter(options))}: accepted for user-defined parts (module:Class), and none is chosen; "
             "shipped parts have settings of their own names, see --help"
         )
-    wrong = [
-        f"options.{key}: no chosen part accepts it; {suggest(key, accepted)}" for key in options if key not in accepted
-    ]
-    if wrong:
-        raise SettingsError("\n".join(wrong))
+    if wrong := [key for key in options if key not in accepted]:
+        raise SettingsError(
+            "\n".join(f"options.{key}: no chosen part accepts it; {suggest(key, accepted)}" for key in wrong)
+        )
 
 
 def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[list[str], dict[str, str]]:
@@ -147,19 +145,16 @@ def take_options(words: Iterable[str], not_own: Iterable[str] = ()) -> tuple[lis
 def _checked(kind: Kind, choice: str, parameter: inspect.Parameter, value: Any) -> Any:
     if parameter.annotation is inspect.Parameter.empty:
         return parse_yaml(value, f"options.{parameter.name}") if isinstance(value, str) else value
+    # As a field, as a type with its own configuration accepts no other.
+    model: Any = create_model("Option", __config__=_ANY_TYPE, value=(parameter.annotation, ...))
     try:
-        config = ConfigDict(arbitrary_types_allowed=True)
-        try:
-            adapter = TypeAdapter(parameter.annotation, config=config)
-        except Exception:  # a type with its own configuration
-            adapter = TypeAdapter(parameter.annotation)
         # Text of a command line is parsed as YAML, unless the type is a text: "[1, 2]", "true".
         try:
-            return adapter.validate_python(value)
+            return model(value=value).value
         except ValidationError:
             if not isinstance(value, str):
                 raise
-            return adapter.validate_python(parse_yaml(value, f"options.{parameter.name}"))
+            return model(value=parse_yaml(value, f"options.{parameter.name}")).value
     except (ValidationError, SettingsError) as error:
         problem = error.errors()[0]["msg"] if isinstance(error, ValidationError) else "not valid YAML"
         given = shown(value, 100)

@@ -12,26 +12,35 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 import tyro
 import yaml
 
 from gazempc.command import TYRO_CONFIG, Progress, command_line, run_interruptible
 from gazempc.errors import GazempcError, LimitViolationError
 from gazempc.files.whole import begin_folder, naming, write_whole
+from gazempc.loop.build import make_controller
+from gazempc.loop.events import MEANINGS
+from gazempc.neck.spec import NeckSpec, load_neck, neck_names
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import CONTROLLER, PREDICTOR, TRUE_FUTURE
-from gazempc.results.log_files import has_log
+from gazempc.recordings.readers.table import remember_columns, shipped_mappings
+from gazempc.recordings.recording import truth_of
+from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names
+from gazempc.recordings.synthetic.walks import synthetic_names
+from gazempc.results.attention import attention_lines, measure_attention
+from gazempc.results.log import Log
+from gazempc.results.log_files import has_log, load_log
+from gazempc.results.mcap import write_mcap
+from gazempc.results.run_summary import faults, label, write_summary
+from gazempc.results.table import Repeats, measured_again, sentence, table
 from gazempc.run_settings import RunSettings, config_path, load_settings
 from gazempc.signals import Interrupted
-
-if TYPE_CHECKING:
-    from gazempc.neck.spec import NeckSpec
-    from gazempc.results.log import Log
-    from gazempc.results.table import Repeats
-    from gazempc.sim.scene import Scene
-
+from gazempc.sim.repeat import replay_repeatedly
+from gazempc.sim.scene import Scene, make_scene
+from gazempc.sim.sensor import load_sensor, sensor_names
 
 # Known share of the true head below which a note is printed.
 _KNOWN_SHARE = 0.9
@@ -58,8 +67,9 @@ def _work(settings: RunSettings, command: str) -> int:
         return 0
     if settings.replay is None:
         raise GazempcError("nothing to replay: set --replay NAME_OR_PATH (see --list)")
-    if _is_log(Path(settings.replay)):
-        _measure(Path(settings.replay), settings, command)
+    path = Path(settings.replay)
+    if path.suffix == ".npz" or (path.suffix == ".mcap" and has_log(path)):
+        _measure(path, settings, command)
     else:
         _run(settings, command)
     return 0
@@ -67,12 +77,6 @@ def _work(settings: RunSettings, command: str) -> int:
 
 def _listing() -> str:
     """Names of recordings, necks and sensors, and accepted file formats."""
-    from gazempc.neck.spec import load_neck, neck_names  # noqa: PLC0415
-    from gazempc.recordings.readers.table import shipped_mappings  # noqa: PLC0415
-    from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names  # noqa: PLC0415
-    from gazempc.recordings.synthetic.walks import synthetic_names  # noqa: PLC0415
-    from gazempc.sim.sensor import load_sensor, sensor_names  # noqa: PLC0415
-
     walks, everyday = synthetic_names(), everyday_names()
     lines = [
         "Recordings (synthetic, generated from the name; 14 people):",
@@ -94,11 +98,6 @@ def _listing() -> str:
     lines.append("Sensors (or a .toml file):")
     lines += [f"  {name:<14}  {load_sensor(name).source}" for name in sensor_names()]
     return "\n".join(lines)
-
-
-def _is_log(path: Path) -> bool:
-    """Whether `--replay` re-evaluates this file instead of replaying it."""
-    return path.suffix == ".npz" or (path.suffix == ".mcap" and has_log(path))
 
 
 def parse(words: Sequence[str]) -> RunSettings:
@@ -128,40 +127,27 @@ def parse(words: Sequence[str]) -> RunSettings:
 
 def _run(settings: RunSettings, command: str) -> None:
     progress = Progress()
-    # Local imports of slow libraries: --help and error messages without delay.
-    from gazempc.recordings.readers.table import remember_columns  # noqa: PLC0415
-    from gazempc.sim.scene import make_scene  # noqa: PLC0415
-
     scene = make_scene(settings.replay or "", settings, all_people=settings.attend is not None)
     out = settings.out or Path("out") / scene.name
     resolved = settings.model_copy(update={"placement": scene.placement, "sensor": scene.sensor.name, "out": out})
     with begin_folder(out):
-        _replay(scene, settings, resolved, command, progress)
+        _replay(scene, resolved, out, command, progress)
     if remembered := remember_columns(Path(settings.replay or ""), settings.reading):
         print(remembered)
 
 
-def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command: str, progress: Progress) -> None:
-    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
-    from gazempc.results.mcap import write_mcap  # noqa: PLC0415
-    from gazempc.results.run_summary import faults, label, write_summary  # noqa: PLC0415
-    from gazempc.results.table import sentence, table  # noqa: PLC0415
-    from gazempc.sim.repeat import replay_repeatedly  # noqa: PLC0415
-
-    walk, neck, out = scene.walk, scene.neck, resolved.out or Path()
-    done = replay_repeatedly(scene, resolved, settings.controllers, settings.noise_seeds, progress)
-    repeats = done.repeats
-    seeds = list(repeats[0].seeds)
+def _replay(scene: Scene, settings: RunSettings, out: Path, command: str, progress: Progress) -> None:
+    walk, neck = scene.walk, scene.neck
+    done = replay_repeatedly(scene, settings, settings.controllers, settings.noise_seeds, progress)
+    repeats, seeds = done.repeats, list(done.repeats[0].seeds)
     logs = {name: log for name, (log, _) in done.first.items()}
     for name, (log, times) in done.first.items():
         log.save(out / f"{name}.npz")
         times.save(out / f"{name}_compute.npz")
         if settings.log == "mcap":
             write_mcap(log, out / f"{name}.mcap", done.plans[name])
-    shown = resolved.model_dump(mode="json") | {"noise_seeds": len(seeds)}
+    shown = settings.model_dump(mode="json") | {"noise_seeds": len(seeds)}
     write_whole(out / "settings.yaml", yaml.safe_dump(shown, sort_keys=False))
-    survived = {name: faults(log) for name, log in logs.items()}
-    noise = {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults}
     against = truth_of(walk.kind)
     noted = _notes(next(iter(logs.values()))) + _margins(settings, neck)
     notes = [*walk.notes, *noted]
@@ -171,49 +157,40 @@ def _replay(scene: Scene, settings: RunSettings, resolved: RunSettings, command:
         "scored_against": against or "the true head",
         "notes": notes,
         "settings": shown,
-        "faults": survived,
-        "noise": noise,
-        **_attention(settings, logs),
+        "faults": {name: faults(log) for name, log in logs.items()},
+        "noise": {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults},
     }
+    if settings.several:
+        about["attention"] = {name: asdict(measure_attention(log)) for name, log in logs.items()}
     write_summary(out / "summary.json", about, [r.first for r in repeats])
 
     print(f"{_heading(settings, scene)}\n{done.seeds_note}")
     for note in noted:
         print(f"Note: {note}")
     print(f"\n{table(repeats, neck, against)}\n\n{sentence(repeats)}\n")
-    for name, log in logs.items():
-        for line in _events(log):
-            print(f"  {label(name)}: {line}")
+    events = [f"{label(name)}: {line}" for name, log in logs.items() for line in _events(log)]
     other_seeds = [
         f"seed {seed}: exceptions of {', '.join(map(label, names))}: see summary.json"
         for seed, names in done.faults.items()
         if seed != seeds[0]
     ]
-    for line in other_seeds:
+    for line in [*events, *other_seeds]:
         print(f"  {line}")
     try:
         if done.interrupted:
             raise done.interrupted
         progress.begin("writing the report")
-        drawn = _draw(logs, out) if settings.figures else []
-        report = _report(logs, repeats, [*notes, *other_seeds], out, drawn, command, shown)
+        report, *drawn = _report(logs, repeats, [*notes, *other_seeds], settings.figures, out, command, shown)
     except Interrupted as stop:
         stop.add_note(f"{', '.join(logs)} with {len(seeds)} seed(s) of the noise are kept in {out}, without a report")
         raise
     of_each = f"a log (.npz{', .mcap' if settings.log == 'mcap' else ''}) and computing times of each controller"
-    written = [report, "summary.json", "settings.yaml", of_each, *drawn]
-    print(f"Written to {out}/: {', '.join(written)}")
-    violations = sum(int(sum(r.values("limit_violations"))) for r in repeats)
-    if violations:
+    print(f"Written to {out}/: {', '.join([report, 'summary.json', 'settings.yaml', of_each, *drawn])}")
+    if violations := sum(int(sum(r.values("limit_violations"))) for r in repeats):
         raise LimitViolationError(f"{violations} violations of the limits of neck {neck.name}: see {out}/summary.json")
 
 
 def _measure(path: Path, settings: RunSettings, command: str) -> None:
-    from gazempc.recordings.recording import truth_of  # noqa: PLC0415
-    from gazempc.results.log_files import load_log  # noqa: PLC0415
-    from gazempc.results.run_summary import write_summary  # noqa: PLC0415
-    from gazempc.results.table import measured_again, table  # noqa: PLC0415
-
     log = load_log(path)
     out = settings.out or Path("out") / path.stem
     logs, repeats = {log.run.controller: log}, measured_again(log)
@@ -225,8 +202,7 @@ def _measure(path: Path, settings: RunSettings, command: str) -> None:
         print(f"\n{table([repeats], log.neck, truth_of(log.run.kind))}\n")
         for line in _events(log):
             print(f"  {line}")
-        drawn = _draw(logs, out) if settings.figures else []
-        report = _report(logs, [repeats], _notes(log), out, drawn, command, log.run.settings)
+        report, *drawn = _report(logs, [repeats], _notes(log), settings.figures, out, command, log.run.settings)
         print(f"Written to {out}/: {', '.join([report, 'summary.json', *drawn])}")
 
 
@@ -245,7 +221,7 @@ def _heading(settings: RunSettings, scene: Scene) -> str:
     view = scene.sensor.view
     sees = f", sees {view.horizontal_deg:g} x {view.vertical_deg:g} deg from its {view.on}" if view.limited else ""
     return (
-        f"{walk.name}: {', '.join(part for part in parts if part)}\n{notes}"
+        f"{walk.name}: {', '.join(filter(None, parts))}\n{notes}"
         f"neck {scene.neck.name}, sensor {scene.sensor.name} ({1e3 * scene.sensor.latency_s:.0f} ms late{sees}), robot "
         f"{stands}; scored from 1.0 s to the end"
     )
@@ -253,8 +229,6 @@ def _heading(settings: RunSettings, scene: Scene) -> str:
 
 def _notes(log: Log) -> list[str]:
     """Notes on the whole table."""
-    import numpy as np  # noqa: PLC0415
-
     notes = []
     if "low_frame_rate" in log.event_name:
         rate_hz = 1.0 / float(np.median(np.diff(np.unique(log.capture_time_s))))
@@ -272,26 +246,15 @@ def _margins(settings: RunSettings, neck: NeckSpec) -> list[str]:
     """Warnings about small stability margins of the MPC."""
     if not {"mpc", TRUE_FUTURE} & set(settings.controllers):
         return []
+    # Local imports of slow libraries: --help and error messages without delay.
     from gazempc.controllers.mpc.mpc import Mpc  # noqa: PLC0415
-    from gazempc.loop.build import make_controller  # noqa: PLC0415
     from gazempc.margins.margins import too_small  # noqa: PLC0415
 
     mpc = make_controller("mpc", neck, settings, {})
     return too_small(mpc) if isinstance(mpc, Mpc) else []
 
 
-def _attention(settings: RunSettings, logs: dict[str, Log]) -> dict[str, Any]:
-    """Attention metrics of each controller; empty for one person without gaze aversion."""
-    from gazempc.results.attention import measure_attention  # noqa: PLC0415
-
-    if settings.attend is None and settings.look_away.rhythm == "no":
-        return {}
-    return {"attention": {name: asdict(measure_attention(log)) for name, log in logs.items()}}
-
-
 def _events(log: Log) -> list[str]:
-    from gazempc.results.attention import attention_lines, measure_attention  # noqa: PLC0415
-
     with_text = {fault.event for fault in log.faults}
     lines = [
         f"{event} {int((log.event_name == event).sum())} x"
@@ -302,36 +265,31 @@ def _events(log: Log) -> list[str]:
     return [*attention_lines(measure_attention(log)), *lines, *(fault.line for fault in log.faults)]
 
 
-def _draw(logs: dict[str, Log], out: Path) -> list[str]:
-    from gazempc.results.figures.angles import angles  # noqa: PLC0415
-    from gazempc.results.figures.animation import animate  # noqa: PLC0415
-    from gazempc.results.figures.overview import attended, overview  # noqa: PLC0415
-    from gazempc.results.figures.people import has_attention  # noqa: PLC0415
-
-    figures = {"overview.png": overview, "angles.png": angles, "gaze.gif": animate}
-    if has_attention(logs):
-        figures["attended.png"] = attended
-    for name, draw in figures.items():
-        with naming(out / name):
-            draw(logs, out / name)
-    return list(figures)
-
-
 def _report(
     logs: dict[str, Log],
     repeats: list[Repeats],
     notes: list[str],
+    figures: bool,
     out: Path,
-    drawn: list[str],
     command: str,
     settings: dict[str, Any],
-) -> str:
-    from gazempc.loop.events import MEANINGS  # noqa: PLC0415
+) -> list[str]:
+    """Write the report and, if wanted, the figures; returns their names, the report's first."""
+    from gazempc.results.figures.angles import angles  # noqa: PLC0415
+    from gazempc.results.figures.animation import animate  # noqa: PLC0415
+    from gazempc.results.figures.overview import attended, overview  # noqa: PLC0415
+    from gazempc.results.figures.people import has_attention  # noqa: PLC0415
     from gazempc.results.page.run_page import run_page  # noqa: PLC0415
     from gazempc.results.page.write import write_page  # noqa: PLC0415
 
-    pictures = [out / name for name in drawn]
-    return write_page(run_page(logs, repeats, notes, MEANINGS, pictures, command, settings), out)
+    draw = {"overview.png": overview, "angles.png": angles, "gaze.gif": animate} if figures else {}
+    if figures and has_attention(logs):
+        draw["attended.png"] = attended
+    pictures = {out / name: draw_one for name, draw_one in draw.items()}
+    for path, draw_one in pictures.items():
+        with naming(path):
+            draw_one(logs, path)
+    return [write_page(run_page(logs, repeats, notes, MEANINGS, pictures, command, settings), out), *draw]
 
 
 if __name__ == "__main__":

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from gazempc.errors import SettingsError, shown
 from gazempc.files.documents import parse_yaml, read_settings
 from gazempc.settings import GAZES, GazeChoice
 from gazempc.sim.replay import ReplaySettings
-from gazempc.specfiles import explain
+from gazempc.specfiles import checked
 
 
 class RunSettings(ReplaySettings):
@@ -67,10 +68,7 @@ def load_settings(path: Path) -> RunSettings:
         data = {}
     if not isinstance(data, dict):
         raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {shown(data)}")
-    try:
-        return RunSettings.model_validate(data)
-    except ValidationError as error:
-        raise SettingsError(explain(error, str(path), RunSettings)) from None
+    return checked(RunSettings, data, str(path))
 
 
 def config_path(words: Sequence[str]) -> Path | None:
@@ -82,9 +80,7 @@ def config_path(words: Sequence[str]) -> Path | None:
     Returns:
         The file; None without the option.
     """
-    for i, word in enumerate(words):
-        if word == "--config" and i + 1 < len(words):
-            return Path(words[i + 1])
-        if word.startswith("--config="):
-            return Path(word.removeprefix("--config="))
-    return None
+    parser = ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--config", type=Path, nargs="?")
+    path: Path | None = parser.parse_known_args(words)[0].config
+    return path

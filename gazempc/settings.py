@@ -61,7 +61,6 @@ class Settings(Strict):
 
 
 NoiseM = Annotated[float, Field(ge=1e-6, le=1e3, description="Measurement noise (s.d.) without a stated covariance")]
-_POSITION_NOISE_M = 0.01
 
 
 class ConstantVelocitySettings(Settings):
@@ -70,7 +69,7 @@ class ConstantVelocitySettings(Settings):
     acceleration_psd: float = Field(
         default=0.05, gt=0, le=1e6, description="Noise density of the head's acceleration, m^2/s^3"
     )
-    position_noise_m: NoiseM = _POSITION_NOISE_M
+    position_noise_m: NoiseM = 0.01
 
 
 class HeadPoseSettings(ConstantVelocitySettings):
@@ -202,11 +201,9 @@ class LoopSettings(Settings):
 
 
 def _checked_attend(choice: str) -> str:
-    if choice.startswith(BY_NAME):
-        if choice == BY_NAME:
-            raise ValueError("id: needs a name: id:NAME, the tracker's name of the person")
-        return choice
-    return check_choice(POLICY, choice)
+    if choice == BY_NAME:
+        raise ValueError("id: needs a name: id:NAME, the tracker's name of the person")
+    return choice if choice.startswith(BY_NAME) else check_choice(POLICY, choice)
 
 
 class AttentionSettings(Settings):

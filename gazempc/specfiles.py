@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
@@ -80,7 +80,23 @@ def parse_spec(model: type[Spec], text: str, source: str) -> Spec:
     Raises:
         SettingsError: If the text is not TOML or does not describe a valid specification.
     """
-    data = parse_toml(text, source)
+    return checked(model, parse_toml(text, source), source)
+
+
+def checked(model: type[Spec], data: Any, source: str) -> Spec:
+    """Validate data by a model.
+
+    Args:
+        model: The model.
+        data: The data.
+        source: Origin of the data, for messages.
+
+    Returns:
+        The checked values.
+
+    Raises:
+        SettingsError: If the data are invalid; lists all errors, each with its field.
+    """
     try:
         return model.model_validate(data)
     except ValidationError as error:

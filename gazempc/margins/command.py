@@ -17,10 +17,8 @@ from pydantic import Field
 from gazempc.command import TYRO_CONFIG, run_interruptible
 from gazempc.neck.spec import load_neck, neck_names
 from gazempc.settings import Settings
-from gazempc.types import FloatArray
 
 if TYPE_CHECKING:
-    from gazempc.margins.linear_loop import ComplexArray
     from gazempc.margins.margins import Margins
 
 
@@ -82,15 +80,11 @@ def _draw(found: Sequence[tuple[str, Margins]], path: Path) -> None:
 
     from gazempc.margins.margins import LEAST_DISTANCE  # noqa: PLC0415
 
-    def plane(values: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        return np.real(values), np.imag(values)
-
     figure = Figure(figsize=(10.0, 4.8), layout="constrained")
     nyquist, poles = figure.subplots(1, 2)
     circle = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200))
-    nyquist.fill(
-        *plane(-1.0 + LEAST_DISTANCE * circle), color="C3", alpha=0.2, lw=0, label="less than the least margin"
-    )
+    near = -1.0 + LEAST_DISTANCE * circle
+    nyquist.fill(near.real, near.imag, color="C3", alpha=0.2, lw=0, label="less than the least margin")
     nyquist.plot(-1.0, 0.0, "k+", ms=10)
     # Necks with equal servos and settings have one curve.
     curves: dict[bytes, tuple[list[str], Margins]] = {}
@@ -98,12 +92,12 @@ def _draw(found: Sequence[tuple[str, Margins]], path: Path) -> None:
         if each.joint == "pan":
             curves.setdefault(np.round(each.loop, 6).tobytes(), ([], each))[0].append(name)
     for k, (names, each) in enumerate(curves.values()):
-        nyquist.plot(*plane(each.loop), color=f"C{k}", label=", ".join(names))
-        poles.plot(*plane(each.poles), "x", color=f"C{k}", ms=5)
+        nyquist.plot(each.loop.real, each.loop.imag, color=f"C{k}", label=", ".join(names))
+        poles.plot(each.poles.real, each.poles.imag, "x", color=f"C{k}", ms=5)
     nyquist.set(xlim=(-2.0, 1.5), ylim=(-2.2, 1.3), xlabel="Re L", ylabel="Im L", aspect="equal")
     nyquist.set_title("Loop transfer L, cut at the measured pan")
     nyquist.legend(fontsize=7, loc="lower right")
-    poles.plot(*plane(circle), "k", lw=0.8)
+    poles.plot(circle.real, circle.imag, "k", lw=0.8)
     poles.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), xlabel="Re z", ylabel="Im z", aspect="equal")
     poles.set_title("Closed-loop poles over a control period")
     for ax in (nyquist, poles):

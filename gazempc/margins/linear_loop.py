@@ -130,23 +130,10 @@ class LinearLoop:
             advance[place] = state
         return advance
 
-    def _ticks(self) -> tuple[FloatArray, FloatArray]:
-        # With the measurement y as input: x+ = A x + B y. The first tick of a control period includes a plan.
-        corrects = np.eye(self.size) - np.outer(self._gain, self._expected)
-        plans = np.eye(self.size)
-        plans[_JERK] = self._feedback
-        first, later = self._advance @ plans, self._advance
-        return np.array([first @ corrects] + [later @ corrects] * (self.ticks - 1)), np.array(
-            [first @ self._gain] + [later @ self._gain] * (self.ticks - 1)
-        )
-
     def transition(self) -> FloatArray:
         """The closed loop over one control period, shape (S, S): x+ = Phi x."""
-        phi = np.eye(self.size)
-        for A, B in zip(*self._ticks(), strict=True):
-            A[:, 0] += B  # y = q
-            phi = A @ phi
-        return phi
+        A, B, C, D = self.opened()
+        return np.asarray(A + B @ np.linalg.solve(np.eye(self.ticks) - D, C))  # y = q
 
     def opened(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """The loop opened at the measurement, lifted over a control period: from m measured to m true angles.
@@ -156,10 +143,13 @@ class LinearLoop:
         """
         A, B = np.eye(self.size), np.zeros((self.size, self.ticks))
         C, D = np.zeros((self.ticks, self.size)), np.zeros((self.ticks, self.ticks))
-        for k, (tick, given) in enumerate(zip(*self._ticks(), strict=True)):
+        plans = np.eye(self.size)
+        plans[_JERK] = self._feedback
+        # The first tick of a control period includes a plan.
+        for k, tick in enumerate([self._advance @ plans, *[self._advance] * (self.ticks - 1)]):
             C[k], D[k] = A[0], B[0]
-            A, B = tick @ A, tick @ B
-            B[:, k] += given
+            A, B = (tick @ (x - np.outer(self._gain, self._expected @ x)) for x in (A, B))
+            B[:, k] += tick @ self._gain
         return A, B, C, D
 
     def response(self, omega_rad_s: FloatArray) -> ComplexArray:

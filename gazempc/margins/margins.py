@@ -11,7 +11,7 @@ import numpy as np
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.errors import SettingsError
 from gazempc.margins.linear_loop import ComplexArray, LinearLoop, Mismatch
-from gazempc.neck.spec import AXES, Axis, NeckSpec
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.types import FloatArray
 
 # Thresholds of warnings. A distance of 0.5 between L and -1, the customary minimum, implies a gain margin of 2 and a
@@ -89,27 +89,22 @@ def margins(mpc: Mpc) -> list[Margins]:
     Raises:
         SettingsError: If the dead time has too many servo periods.
     """
-    found = [_of_joint(mpc, 0)]
-    pan, tilt = (_servo(axis) for axis in mpc.neck.axes[:2])
+    pan = _of_joint(mpc, 0)
     # Without active limits the margins depend on the servo only.
-    alike = pan == tilt and not any(ocp.own for ocp in mpc.ocps)
-    return [*found, replace(found[0], joint=AXES[1]) if alike else _of_joint(mpc, 1)]
+    servos = {(axis.natural_frequency_rad_s, axis.damping_ratio, axis.dead_time_s) for axis in mpc.neck.axes[:2]}
+    alike = len(servos) == 1 and not any(ocp.own for ocp in mpc.ocps)
+    return [pan, replace(pan, joint=AXES[1]) if alike else _of_joint(mpc, 1)]
 
 
 def sentences(neck: NeckSpec, found: list[Margins]) -> list[str]:
     """Tolerances of pan and tilt in the neck file, as sentences; joints with equal tolerances share one."""
     joints: dict[str, list[str]] = {}
-    verb = ("stays", "stay")
     for each in found:
         joints.setdefault(each.tolerance, []).append(each.joint)
     return [
-        f"{neck.name}: {' and '.join(names)} {verb[len(names) > 1]} stable with {what}"
+        f"{neck.name}: {' and '.join(names)} {'stays' if len(names) == 1 else 'stay'} stable with {what}"
         for what, names in joints.items()
     ]
-
-
-def _servo(axis: Axis) -> tuple[float, float, float]:
-    return axis.natural_frequency_rad_s, axis.damping_ratio, axis.dead_time_s
 
 
 def too_small(mpc: Mpc) -> list[str]:
@@ -167,8 +162,6 @@ def _of_joint(mpc: Mpc, index: int) -> Margins:
     lags = np.mod(np.deg2rad(phases), 2.0 * math.pi) / crossings
     # Seiler, Packard & Gahinet (2020), An introduction to disk margins: of S - T, for which both are symmetric.
     disk = 1.0 / float(np.abs(1.0 / (1.0 + response) - 0.5).max())
-    states = loop.size
-    system = control.ss(loop.transition(), np.zeros((states, 1)), np.zeros((1, states)), 0.0, loop.period_s)
 
     def stable(error: Mismatch) -> bool:
         return _is_stable(LinearLoop(mpc, index, error))
@@ -179,7 +172,7 @@ def _of_joint(mpc: Mpc, index: int) -> Margins:
     faster = _first_unstable(lambda x: stable(Mismatch(frequency=math.exp(x))), *steps)
     return Margins(
         joint=joint,
-        poles=np.asarray(system.poles()),
+        poles=np.asarray(np.linalg.eigvals(loop.transition()), dtype=np.complex128),
         period_s=loop.period_s,
         omega_rad_s=omega,
         loop=response,

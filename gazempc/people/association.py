@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray, IntArray
+from predictors import HeadObservation
 from predictors.gate import GATE_D2, allowance_m
+from predictors.predictor import noise_m2
 
 # Process noise of people who turn and stop; larger than a predictor's, as constant velocity is a coarse model.
 _ACCELERATION_PSD = 0.5
@@ -61,11 +63,10 @@ class Motion:
         Returns:
             All people, in this order.
         """
-        return Motion(
-            *(np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True))
-        )
+        columns = zip(*(vars(part).values() for part in parts), strict=True)
+        return Motion(*map(np.concatenate, columns))
 
-    def of(self, which: Sequence[int] | slice) -> Motion:
+    def of(self, which: IntArray | slice) -> Motion:
         """Select people.
 
         Args:
@@ -126,17 +127,14 @@ class Motion:
 # 400 times as often as a different one. The gates still apply: distant people are never swapped.
 _OTHER_NAME_COST, _NO_NAME_COST = 12.0, 6.0
 _NEVER = 1e9
+# Assumed covariance if a tracker states none; includes drift with posture.
+_POSITION_NOISE_M2 = 0.03**2 * _EYE3
 
 
 def assign(
-    expected: Motion,
-    unseen_s: FloatArray,
-    track_names: Sequence[str | None],
-    measured_m: FloatArray,
-    noise_m2: FloatArray,
-    names: Sequence[str | None],
-) -> list[tuple[int, int]]:
-    """Optimal assignment of detections of one instant to tracks.
+    expected: Motion, unseen_s: FloatArray, track_names: Sequence[str | None], observations: Sequence[HeadObservation]
+) -> list[tuple[int, int, Motion]]:
+    """Optimal assignment of detections of one instant to tracks, and the Kalman update with them.
 
     Cost: minus twice the log-likelihood of the detection, plus a penalty for a different name.
 
@@ -144,25 +142,31 @@ def assign(
         expected: Predicted motion of the people at this instant.
         unseen_s: Time since the last detection of each person, shape (N,), seconds.
         track_names: Last tracker name of each person; None for no name.
-        measured_m: Detections, shape (D, 3), metres.
-        noise_m2: Covariances of their errors, shape (D, 3, 3).
-        names: Tracker names of the detections; None for no name.
+        observations: Detections; at least one.
 
     Returns:
-        Pairs of indices of person and detection; each index occurs at most once.
+        Indices of person and detection, each at most once, and the person's updated motion.
     """
-    spread = expected.pp_m2[:, None] + noise_m2
+    measured_m = np.array([seen.head_position_base_m for seen in observations])
+    noise = np.array([noise_of(seen) for seen in observations])
+    spread = expected.pp_m2[:, None] + noise
     spread = spread + (allowance_m(unseen_s) ** 2)[:, None, None, None] * np.eye(3)
     apart = measured_m - expected.position_m[:, None]
     d2 = (apart[:, :, None, :] @ np.linalg.inv(spread) @ apart[:, :, :, None])[:, :, 0, 0]
     near = d2 <= GATE_D2  # False for NaN
-    cost = np.where(near, d2 + np.log(np.linalg.det(spread)) + _name_cost(track_names, names), _NEVER)
-    rows, columns = linear_sum_assignment(cost)
-    return [(row, column) for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if near[row, column]]
+    named = np.array([[_name_cost(name, seen.person_id) for seen in observations] for name in track_names])
+    rows, columns = linear_sum_assignment(np.where(near, d2 + np.log(np.linalg.det(spread)) + named, _NEVER))
+    accepted = near[rows, columns]
+    rows, columns = rows[accepted], columns[accepted]
+    corrected = expected.of(rows).corrected(measured_m[columns], noise[columns])
+    pairs = enumerate(zip(rows.tolist(), columns.tolist(), strict=True))
+    return [(row, column, corrected.of(slice(k, k + 1))) for k, (row, column) in pairs]
 
 
-def _name_cost(track_names: Sequence[str | None], names: Sequence[str | None]) -> FloatArray:
-    ours, theirs = np.array(track_names, dtype=object), np.array(names, dtype=object)
-    same: BoolArray = np.asarray(ours[:, None] == theirs, dtype=np.bool_)
-    unknown: BoolArray = np.asarray(ours == None)[:, None] | np.asarray(theirs == None)  # noqa: E711  (elementwise)
-    return np.where(unknown, _NO_NAME_COST, np.where(same, 0.0, _OTHER_NAME_COST))
+def noise_of(observation: HeadObservation) -> FloatArray:
+    """Covariance of a position's error, stated or assumed, shape (3, 3), square metres."""
+    return noise_m2(observation, _POSITION_NOISE_M2)
+
+
+def _name_cost(name: str | None, other: str | None) -> float:
+    return _NO_NAME_COST if None in (name, other) else _OTHER_NAME_COST * (name != other)

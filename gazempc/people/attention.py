@@ -116,12 +116,11 @@ class Attention:
         if gone:
             # Before the call of the policy, which may raise: a departed person must not stay attended.
             self._attend(None, time_s, "left")
-        if self.chosen_id is not None:
-            chosen = next((person.number for person in people if person.tracker_id == self.chosen_id), None)
-            if chosen is not None:
-                if chosen != self.attended.number:
-                    self._attend(chosen, time_s, "policy")
-                return self.attended
+        chosen = next((person.number for person in people if person.tracker_id == self.chosen_id is not None), None)
+        if chosen is not None:
+            if chosen != self.attended.number:
+                self._attend(chosen, time_s, "policy")
+            return self.attended
         company = Company(time_s, near, self.attended.number, tuple(self._sounds))
         best = self._best(company)
         if best == self.attended.number:
@@ -141,22 +140,17 @@ class Attention:
         scores = [float(score) for score in self.policy.scores(company)] if company.people else []
         if len(scores) != len(company.people):
             raise ValueError(f"scores() returned {len(scores)} numbers for {len(company.people)} people")
-        scored = [(score, p.number) for score, p in zip(scores, company.people, strict=True) if not math.isnan(score)]
-        most = max((score for score, _ in scored), default=math.nan)
-        best = [number for score, number in scored if score == most]
-        # Equal scores keep the attended person.
-        return company.attended if company.attended in best else min(best, default=None)
+        # Of equal scores that of the attended person, then of the one who entered first.
+        each = zip(scores, company.people, strict=True)
+        ranked = [(score, p.number == company.attended, -p.number) for score, p in each if not math.isnan(score)]
+        return -max(ranked)[2] if ranked else None
 
     def _within_limits(self, people: Sequence[PersonState]) -> tuple[PersonState, ...]:
         """People inside the distance limits, with hysteresis; the nearest ones, up to the maximum number."""
         enter_m = math.inf if self._settings.enter_m is None else self._settings.enter_m
         leave_m = enter_m if self._settings.leave_m is None else self._settings.leave_m
-        self._inside = {
-            person.number
-            for person in people
-            if person.distance_m <= (leave_m if person.number in self._inside else enter_m)
-        }
-        inside = [person for person in people if person.number in self._inside]
+        inside = [p for p in people if p.distance_m <= (leave_m if p.number in self._inside else enter_m)]
+        self._inside = {person.number for person in inside}
         nearest = sorted(inside, key=lambda person: person.distance_m)[: self._settings.most_people]
         return tuple(person for person in inside if person in nearest)
 

@@ -133,12 +133,12 @@ def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> F
     weight = minimum_jerk(np.clip(np.minimum(since_s, until_s), 0.0, 1.0))
     if not weight.any():
         return forecast
-    azimuth, elevation, range_m = _spherical(forecast.means_base_m)
+    person = _spherical(forecast.means_base_m)
     away = np.array([[aversion.aside_rad], [aversion.up_rad], [0.0]])
     if aversion.target_base_m is not None:
-        away = np.array(_spherical(aversion.target_base_m[None])) - np.array([azimuth, elevation, range_m])
+        away = _spherical(aversion.target_base_m[None]) - person
         away[0] = wrapped_rad(away[0])
-    azimuth, elevation, range_m = np.array([azimuth, elevation, range_m]) + weight * away
+    azimuth, elevation, range_m = person + weight * away
     elevation = np.clip(elevation, -1.5, 1.5)
     flat_m = range_m * np.cos(elevation)
     means = np.column_stack([flat_m * np.cos(azimuth), flat_m * np.sin(azimuth), range_m * np.sin(elevation)])
@@ -160,10 +160,11 @@ def angles_to(target_base_m: FloatArray, person_base_m: FloatArray) -> tuple[flo
     return float(wrapped_rad(azimuth[0] - azimuth[1])), float(elevation[0] - elevation[1])
 
 
-def _spherical(positions_m: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _spherical(positions_m: FloatArray) -> FloatArray:
+    """Azimuth, elevation and range of positions, shape (3, N), radians and metres."""
     x, y, z = positions_m.T
     flat_m = np.hypot(x, y)
-    return np.arctan2(y, x), np.arctan2(z, flat_m), np.hypot(flat_m, z)
+    return np.array([np.arctan2(y, x), np.arctan2(z, flat_m), np.hypot(flat_m, z)])
 
 
 def minimum_jerk(share: FloatArray | np.float64) -> FloatArray:

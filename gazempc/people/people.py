@@ -11,7 +11,7 @@ import numpy as np
 
 from gazempc.neck.kinematics import pan_tilt_rad, unit_vector, wrapped_rad
 from gazempc.people.association import Motion, assign
-from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson, noise_of
+from gazempc.people.person import ONE_FRAME_S, PersonState, TrackedPerson
 from gazempc.types import FloatArray, Sighting
 from predictors import Forecast, HeadObservation, Predictor
 
@@ -94,20 +94,15 @@ class People:
         capture_s = min(seen.capture_time_s for seen in observations)
         frame_before_s, self._newest_s = self._newest_s, max(self._newest_s, capture_s)
         self._remove_ended(self._newest_s, frame_before_s)
-        found: list[tuple[int, Became]] = [(0, Became.DUPLICATE)] * len(observations)
-        left = list(range(len(observations)))
+        found: dict[int, tuple[int, Became]] = {}
         # Confirmed tracks have precedence over tentative ones.
         for confirmed in (True, False):
             tracks = [t for t in self._tracks if t.confirmed is confirmed and t.seen_s < capture_s]
-            pairs = self._assigned(tracks, [observations[k] for k in left], capture_s)
-            for track, which in pairs:
+            left = [k for k in range(len(observations)) if k not in found]
+            for track, which in self._assigned(tracks, [observations[k] for k in left], capture_s):
                 became = self._updated(track, observations[left[which]])
                 found[left[which]] = (track.number, became)
-            taken = {which for _, which in pairs}
-            left = [k for which, k in enumerate(left) if which not in taken]
-        for k in left:
-            found[k] = self._unassigned(observations[k])
-        return found
+        return [found.get(k) or self._unassigned(seen) for k, seen in enumerate(observations)]
 
     def present(self, time_s: float) -> tuple[PersonState, ...]:
         """All people present.
@@ -119,13 +114,7 @@ class People:
             The people in order of entry.
         """
         there = sorted(self.confirmed, key=lambda track: track.number)
-        there = [track for track in there if time_s - track.seen_s <= self._coast_s]
-        if not there:
-            return ()
-        stacked = Motion.stack([track.motion for track in there])
-        ahead_s = np.array([time_s - track.seen_s for track in there])
-        where_m = stacked.position_m + ahead_s[:, None] * stacked.velocity_m_s
-        return tuple(track.state(time_s, at_m) for track, at_m in zip(there, where_m, strict=True))
+        return tuple(track.state(time_s) for track in there if time_s - track.seen_s <= self._coast_s)
 
     def track(self, number: int) -> TrackedPerson | None:
         """The track of a person.
@@ -146,11 +135,9 @@ class People:
     def _remove_ended(self, time_s: float, frame_before_s: float) -> None:
         # A person detected in the previous frame is not missed yet, also at a low frame rate.
         lasts = {t: self._coast_s if t.confirmed or t.seen_s >= frame_before_s else _TENTATIVE_S for t in self._tracks}
-        gone = [t for t, lasts_s in lasts.items() if time_s - t.seen_s > lasts_s]
-        if gone:
-            self._tracks = [t for t in self._tracks if t not in gone]
-            self._gone.extend(t for t in gone if t.confirmed)
-        self._gone = [t for t in self._gone if time_s - t.seen_s <= _FORGOTTEN_AFTER_S]
+        self._tracks = [t for t, lasts_s in lasts.items() if time_s - t.seen_s <= lasts_s]
+        gone = (*self._gone, *(t for t in lasts if t.confirmed and t not in self._tracks))
+        self._gone = [t for t in gone if time_s - t.seen_s <= _FORGOTTEN_AFTER_S]
 
     def _assigned(
         self, tracks: Sequence[TrackedPerson], observations: Sequence[HeadObservation], capture_s: float
@@ -160,15 +147,10 @@ class People:
             return []
         unseen_s: FloatArray = np.array([capture_s - track.seen_s for track in tracks])
         expected = Motion.stack([track.motion for track in tracks]).after(unseen_s)
-        measured_m = np.array([seen.head_position_base_m for seen in observations])
-        noise_m2 = np.array([noise_of(seen) for seen in observations])
-        names = [seen.person_id for seen in observations]
-        pairs = assign(expected, unseen_s, [track.tracker_id for track in tracks], measured_m, noise_m2, names)
-        rows, columns = [row for row, _ in pairs], [column for _, column in pairs]
-        corrected = expected.of(rows).corrected(measured_m[columns], noise_m2[columns])
-        for k, row in enumerate(rows):
-            tracks[row].motion = corrected.of(slice(k, k + 1))
-        return [(tracks[row], column) for row, column in pairs]
+        found = assign(expected, unseen_s, [track.tracker_id for track in tracks], observations)
+        for row, _, motion in found:
+            tracks[row].motion = motion
+        return [(tracks[row], column) for row, column, _ in found]
 
     def _updated(self, track: TrackedPerson, observation: HeadObservation) -> Became:
         renamed = track.is_named_otherwise(observation)
@@ -192,14 +174,12 @@ class People:
 
     def _unassigned(self, observation: HeadObservation) -> tuple[int, Became]:
         where, capture_s = observation.head_position_base_m, observation.capture_time_s
-        near = []
-        for track in self._tracks:
-            late_s = track.seen_s - capture_s
-            if late_s < 0.0:
-                continue
-            moved_m = math.dist(where, track.motion.position_m[0] - late_s * track.motion.velocity_m_s[0])
-            if moved_m < _ONE_PERSON_M + _RETURN_SPEED_M_S * late_s:
-                near.append(track)
+        near = [
+            track
+            for track in self._tracks
+            if (late_s := track.seen_s - capture_s) >= 0.0
+            and math.dist(where, track.position_m(capture_s)) < _ONE_PERSON_M + _RETURN_SPEED_M_S * late_s
+        ]
         if near and near[0].seen_s == capture_s:
             return (near[0].number, Became.DUPLICATE)
         if near:
@@ -223,8 +203,7 @@ class People:
             away_s = track.since_s - earlier.seen_s
             if not named and away_s > _WALKED_ON_S:
                 continue
-            was_m, speed_m_s = earlier.motion.position_m[0], earlier.motion.velocity_m_s[0]
-            expected_m = was_m if named else was_m + (track.seen_s - earlier.seen_s) * speed_m_s
+            expected_m = earlier.position_m(earlier.seen_s if named else track.seen_s)
             error_m_s = _RETURN_SPEED_M_S if named else _STRAYED_M_S
             if math.dist(expected_m, track.motion.position_m[0]) <= _RETURN_ERROR_M + error_m_s * away_s:
                 return earlier

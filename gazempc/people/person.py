@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gazempc.people.association import Motion
+from gazempc.people.association import Motion, noise_of
 from gazempc.people.tracker_faults import START_S, OrientationJumps, TrackStart
 from gazempc.types import FloatArray
 from predictors import Forecast, HeadObservation, OutOfOrderError, Predictor
-from predictors.predictor import noise_m2
 
 # Synchronisation tolerance of cameras: people move by a centimetre in this time.
 ONE_FRAME_S = 0.01
@@ -21,8 +20,6 @@ ONE_FRAME_S = 0.01
 _MEMORY_S = 1.5
 # Buffered sightings processed per frame: empties the buffer within half a second at 30 Hz.
 CATCH_UP = 3
-# Assumed covariance if a tracker states none; includes drift with posture.
-_POSITION_NOISE_M2 = 0.03**2 * np.eye(3)
 # Maximum age of an orientation: a head turns away in this time.
 _ORIENTATION_LASTS_S = 0.5
 
@@ -170,30 +167,29 @@ class TrackedPerson:
         while len(self._waiting) > 1:
             self._waiting.popleft()
 
-    def state(self, time_s: float, position_base_m: FloatArray) -> PersonState:
+    def position_m(self, time_s: float) -> FloatArray:
+        """Position at a time, at constant velocity since the last sighting, shape (3,), metres."""
+        return np.asarray(self.motion.position_m[0] + (time_s - self.seen_s) * self.motion.velocity_m_s[0])
+
+    def state(self, time_s: float) -> PersonState:
         """The person at a time.
 
         Args:
             time_s: The time, seconds.
-            position_base_m: Position at that time, shape (3,), metres.
 
         Returns:
             The estimate.
         """
         facing = self._oriented
-        lately = facing is not None and time_s - facing.capture_time_s <= _ORIENTATION_LASTS_S
+        if facing is not None and time_s - facing.capture_time_s > _ORIENTATION_LASTS_S:
+            facing = None
         return PersonState(
             number=self.number,
             tracker_id=self.tracker_id,
             time_s=time_s,
-            position_base_m=position_base_m,
+            position_base_m=self.position_m(time_s),
             velocity_base_m_s=self.motion.velocity_m_s[0],
-            head_quat_wxyz=facing.head_quat_wxyz if facing is not None and lately else None,
+            head_quat_wxyz=None if facing is None else facing.head_quat_wxyz,
             seen_s=self.seen_s,
             since_s=self.since_s,
         )
-
-
-def noise_of(observation: HeadObservation) -> FloatArray:
-    """Covariance of a position's error, stated or assumed, shape (3, 3), square metres."""
-    return noise_m2(observation, _POSITION_NOISE_M2)

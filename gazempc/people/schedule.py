@@ -23,20 +23,18 @@ class AversionRhythm:
     Attributes:
         lasts_s: Duration.
         every_s: Interval between the starts of two aversions.
-        to: Probabilities of the directions side, up and down.
     """
 
     lasts_s: tuple[float, float]
     every_s: tuple[float, float]
-    to: tuple[float, float, float]
 
 
-# Andrist, Mutlu & Gleicher (2013), Andrist, Tan, Gleicher & Mutlu (2014): durations, intervals and directions of
-# intimacy-regulating aversions. See docs/people.md for the checked part.
+# Andrist, Mutlu & Gleicher (2013), Andrist, Tan, Gleicher & Mutlu (2014): durations, intervals and directions (shares
+# of side, up and down) of intimacy-regulating aversions. See docs/people.md for the checked part.
 _ASIDE_UP_DOWN = (0.7, 0.1, 0.2)
 RHYTHMS: Mapping[LookAwayMode, AversionRhythm] = {
-    "speaking": AversionRhythm((1.14, 0.27), (7.21, 1.88), _ASIDE_UP_DOWN),
-    "listening": AversionRhythm((1.96, 0.32), (4.75, 1.39), _ASIDE_UP_DOWN),
+    "speaking": AversionRhythm((1.14, 0.27), (7.21, 1.88)),
+    "listening": AversionRhythm((1.96, 0.32), (4.75, 1.39)),
 }
 # Thinking people look up more often than aside (the same authors).
 _THINKING_TO = (0.1, 0.7, 0.2)
@@ -183,8 +181,8 @@ class LookAways:
         lasts_s = self._drawn(rhythm.lasts_s)
         start_s = from_s + max(self._drawn(rhythm.every_s) - rhythm.lasts_s[0], _CONTACT_S)
         start_s = max(start_s, now_s + self._lead_s)
-        aversion = fitted(Aversion(start_s, start_s + lasts_s, *self._direction(rhythm.to), self._mode), self._neck)
-        self._rhythm_from_s = start_s + lasts_s
+        self._rhythm_from_s = end_s = start_s + lasts_s
+        aversion = fitted(Aversion(start_s, end_s, *self._direction(_ASIDE_UP_DOWN), self._mode), self._neck)
         if aversion is None:
             self.left_out += 1
         else:
@@ -211,20 +209,19 @@ class LookAways:
             aversion = replace(aversion, start_s=earliest_s, end_s=moved_s)
         begun = self._begun(begun_by_s)
         possible = fitted(aversion, self._neck)
-        clashes = possible is not None and any(
+        if possible is None or any(
             each.start_s - _CONTACT_S < possible.end_s and possible.start_s < each.end_s + _CONTACT_S for each in begun
-        )
-        if possible is None or clashes:
+        ):
             self.left_out += 1
             return False
         self._planned = sorted([*begun, possible], key=lambda each: each.start_s)
         self._rhythm_from_s = max(each.end_s for each in self._planned)
         return True
 
-    def _begins_s(self, aversion: Aversion) -> float:
-        shift = self._shift(aversion.aside_rad, aversion.up_rad)
-        return aversion.start_s - shift.leaves_after_s
-
     def _begun(self, by_s: float) -> list[Aversion]:
         """Scheduled aversions that have begun by a time, or were requested."""
-        return [each for each in self._planned if self._begins_s(each) <= by_s or each.why not in RHYTHMS]
+        return [
+            each
+            for each in self._planned
+            if each.why not in RHYTHMS or each.start_s - self._shift(each.aside_rad, each.up_rad).leaves_after_s <= by_s
+        ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -156,17 +157,14 @@ class OrientationJumps:
             return observation, False  # the predictor rejects observations out of order
         seen = {"head_quat_wxyz": observation.head_quat_wxyz, "pelvis_quat_wxyz": observation.pelvis_quat_wxyz}
         yaws_rad = {name: yaw_rad(quat) for name, quat in seen.items() if quat is not None}
-        jumped: list[str] = []
-        if time_s - self._time_s <= _JUMP_WITHIN_S:
-            both = yaws_rad.keys() & self._yaws_rad.keys()
-            jumped = [name for name in both if abs(wrap_rad(yaws_rad[name] - self._yaws_rad[name])) > _JUMP_RAD]
+        both = yaws_rad.keys() & self._yaws_rad.keys() if time_s - self._time_s <= _JUMP_WITHIN_S else ()
+        jumped: dict[str, Any] = {n: None for n in both if abs(wrap_rad(yaws_rad[n] - self._yaws_rad[n])) > _JUMP_RAD}
         self._time_s, self._yaws_rad = time_s, yaws_rad
         if not jumped:
             return observation, False
         first = time_s - self._jumped_s > _JUMPS_ARE_ONE_WITHIN_S
         self._jumped_s = time_s
-        head, pelvis = (None if name in jumped else quat for name, quat in seen.items())
-        return replace(observation, head_quat_wxyz=head, pelvis_quat_wxyz=pelvis), first
+        return replace(observation, **jumped), first
 
 
 def _position_of(sighting: Sighting) -> list[float]:

@@ -8,7 +8,7 @@ from typing import Annotated, get_type_hints
 
 import numpy as np
 
-from gazempc.results.contact import CONTACT_DEG, of_known, overshoot_deg, p95
+from gazempc.results.contact import CONTACT_DEG, of_known, overshoot_deg, p95, time_to
 from gazempc.results.log import Log
 from gazempc.results.metrics import SCORED_FROM_S, gaze_error_deg
 from gazempc.types import BoolArray, FloatArray
@@ -70,7 +70,9 @@ def measure_attention(log: Log) -> AttentionMetrics:
     contact = error_deg <= CONTACT_DEG[0]
     scored = (log.time_s >= log.time_s[0] + SCORED_FROM_S - 1e-9) & np.isfinite(error_deg)
     away = log.looks_away
-    known, to_contact_s = bool(np.isfinite(error_deg).any()), _times_to_contact(log, contact)
+    known, turns = bool(np.isfinite(error_deg).any()), _turns(log)
+    # Within the period of the first person and of each switch to a person; NaN without contact.
+    to_contact_s = np.array([time_to(contact[ticks], log.time_s[ticks]) for ticks in turns])
     minutes = (log.time_s[-1] - log.time_s[0]) / 60.0
     realised, planned_s = _realised(log, contact)
     late_s = realised[:, 1] - planned_s[:, 1]
@@ -80,7 +82,7 @@ def measure_attention(log: Log) -> AttentionMetrics:
         switches_per_minute=max(to_contact_s.size - 1, 0) / minutes if minutes > 0 else float("nan"),
         time_to_contact_after_switch_s=of_known(to_contact_s[1:], np.median),
         switches_without_contact=float(np.isnan(to_contact_s[1:]).sum()) if known else float("nan"),
-        switch_overshoot_deg=of_known(np.array([overshoot_deg(log, ticks) for ticks in _turns(log)[1:]]), np.max),
+        switch_overshoot_deg=of_known(np.array([overshoot_deg(log, ticks) for ticks in turns[1:]]), np.max),
         identity_swaps=float(log.identity_swap_time_s.size) if known and chosen else float("nan"),
         away_share=of_known((away & ~contact)[scored]),
         away_share_planned=of_known(away[scored]),
@@ -118,15 +120,6 @@ def attention_lines(found: AttentionMetrics) -> list[str]:
             f"back {1e3 * found.return_late_s:.0f} ms after plan (95 % within {1e3 * found.return_late_p95_s:.0f} ms)"
         )
     return lines
-
-
-def _times_to_contact(log: Log, contact: BoolArray) -> FloatArray:
-    """Time to contact within the period of the first person and of each switch to a person; NaN without contact."""
-    found = []
-    for ticks in _turns(log):
-        there = np.flatnonzero(contact[ticks])
-        found.append(log.time_s[ticks][there[0]] - log.time_s[ticks.start] if there.size else float("nan"))
-    return np.array(found)
 
 
 def _turns(log: Log) -> list[slice]:

@@ -159,10 +159,8 @@ def time_from_start_to_contact(log: Log, error_deg: FloatArray, start_s: float) 
 
 def _lasting(flags: BoolArray, ticks: int) -> BoolArray:
     """Whether the flag is true at each tick and the ``ticks - 1`` following ones."""
-    if flags.size < ticks:
-        return np.zeros(flags.size, dtype=np.bool_)
-    run = np.convolve(flags, np.ones(ticks), "valid") == ticks
-    return np.concatenate([run, np.zeros(flags.size - run.size, dtype=np.bool_)])
+    until_end = np.append(flags, np.zeros(ticks - 1, dtype=np.bool_))
+    return np.asarray(np.convolve(until_end, np.ones(ticks), "valid") == ticks)
 
 
 # Interval of the central difference that estimates the true rate of the head's direction (docs/metrics.md).
@@ -186,8 +184,10 @@ def framing_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
     if picture is None or not log.run.knows_true_head:
         return {"time_in_zone": math.nan, "time_to_reacquire_s": math.nan}
     in_zone = np.all(np.abs(aim_error_rad(log, picture)) <= picture.zone_rad, axis=1)  # NaN is outside
-    share = float(np.mean(in_zone[scored]))
-    return {"time_in_zone": share, "time_to_reacquire_s": _time_to_reacquire_s(log, in_zone)}
+    order = np.argsort(log.capture_time_s, kind="stable")
+    back_s = log.arrival_time_s[order][1:][np.diff(log.capture_time_s[order]) > _OUT_OF_SIGHT_S]
+    took_s = [time_to_return(log, in_zone, each_s) for each_s in back_s if each_s - 1e-9 <= log.time_s[-1]]
+    return {"time_in_zone": float(np.mean(in_zone[scored])), "time_to_reacquire_s": of_known(np.array(took_s))}
 
 
 def aim_error_rad(log: Log, picture: FramedPicture) -> FloatArray:
@@ -199,11 +199,3 @@ def aim_error_rad(log: Log, picture: FramedPicture) -> FloatArray:
     turned_rad = wrapped_rad(looks_rad[after, 0] - looks_rad[before, 0])
     aim_rad = picture.aim_rad(looks_rad, turned_rad / np.maximum(log.time_s[after] - log.time_s[before], 1e-9))
     return wrapped_rad(aim_rad - head_angles_rad(log.joint_position_rad))
-
-
-def _time_to_reacquire_s(log: Log, in_zone: BoolArray) -> float:
-    order = np.argsort(log.capture_time_s, kind="stable")
-    seen_s, arrived_s = log.capture_time_s[order], log.arrival_time_s[order]
-    back_s = arrived_s[1:][np.diff(seen_s) > _OUT_OF_SIGHT_S]
-    took_s = [time_to_return(log, in_zone, each_s) for each_s in back_s if each_s - 1e-9 <= log.time_s[-1]]
-    return of_known(np.array(took_s))

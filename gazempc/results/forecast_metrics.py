@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import chdtri, fdtri  # quantiles; `scipy.stats` has them, too, and takes half a second to import
+from scipy.special import fdtri  # quantile; `scipy.stats` has it, too, and takes half a second to import
 
 from gazempc.results.contact import of_known
 from gazempc.results.log import FORECAST_HORIZONS_S, Log
 from gazempc.types import BoolArray, FloatArray
 
 _AXES = 3
-# Beyond it both distributions agree to nine digits; `fdtri` fails somewhere beyond 1e100.
+# From here on the F distribution is chi-square to eleven digits; `fdtri` fails somewhere beyond 1e100.
 _NORMAL_FROM = 1e12
 
 
@@ -31,11 +31,8 @@ def squared_radius(degrees_of_freedom: ArrayLike, share: float, axes: int = _AXE
     Returns:
         Squared radii, of the same shape.
     """
-    nu = np.asarray(degrees_of_freedom, dtype=np.float64)
-    radius = np.full(nu.shape, float(chdtri(axes, 1.0 - share)))
-    tailed = nu < _NORMAL_FROM
-    radius[tailed] = axes * fdtri(axes, nu[tailed], share) * (nu[tailed] - 2.0) / nu[tailed]
-    return radius
+    nu = np.minimum(degrees_of_freedom, _NORMAL_FROM)
+    return np.asarray(axes * fdtri(axes, nu, share) * (nu - 2.0) / nu)
 
 
 def inside(nees: FloatArray, degrees_of_freedom: FloatArray, share: float) -> BoolArray:

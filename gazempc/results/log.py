@@ -163,10 +163,8 @@ class Log:
     @property
     def looks_away(self) -> BoolArray:
         """Ticks of planned gaze aversion, shape (M,)."""
-        away = np.zeros(self.time_s.size, dtype=np.bool_)
-        for start_s, end_s in zip(self.away_start_s.tolist(), self.away_end_s.tolist(), strict=True):
-            away |= (self.time_s >= start_s) & (self.time_s <= end_s)
-        return away
+        away = (self.time_s >= self.away_start_s[:, None]) & (self.time_s <= self.away_end_s[:, None])
+        return np.asarray(away.any(axis=0))
 
     @property
     def neck(self) -> NeckSpec:
@@ -241,8 +239,6 @@ def join_logs(logs: Sequence[Log]) -> Log:
     Raises:
         ValueError: If there is no log.
     """
-    if not logs:
-        raise ValueError("nothing to join: expected at least one log")
     joined: dict[str, Any] = {
         f.name: np.concatenate([getattr(log, f.name) for log in logs]) for f in fields(Log) if f.name not in _ONCE
     }

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from pydantic import ValidationError
 
-from gazempc.errors import SettingsError, shown
+from gazempc.errors import SettingsError, importing, shown
 from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
 from gazempc.results.log import FORECAST_HORIZONS_S, Fault, Log, RunInfo
@@ -61,8 +61,8 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
         if array.shape != shape or len(axes) != len(shape):
             wanted = f"({', '.join(map(str, axes))}) with {', '.join(f'{k} = {n}' for k, n in counts.items())}"
             raise _damaged(path, name, f"its shape is {array.shape}, expected {wanted}")
-        may_be_infinite = name == "forecast_degrees_of_freedom"  # of a normal distribution
-        if array.dtype.kind == "f" and not may_be_infinite and (np.abs(array) > _LARGEST).any():
+        # Degrees of freedom of a normal distribution are infinite.
+        if array.dtype.kind == "f" and name != "forecast_degrees_of_freedom" and (np.abs(array) > _LARGEST).any():
             raise _damaged(path, name, f"it has values beyond {_LARGEST:g}")
         if name in _FINITE and not np.isfinite(array).all():
             raise _damaged(path, name, "it has values that are not finite")
@@ -126,12 +126,11 @@ def attached_log(path: Path) -> bytes:
         Bytes of `gazempc.results.log.Log.save`.
 
     Raises:
-        SettingsError: If a package is missing, the file cannot be read, or no log is in it.
+        MissingOptionalDependencyError: If a package is missing.
+        SettingsError: If the file cannot be read, or no log is in it.
     """
-    try:
-        from mcap.reader import make_reader  # noqa: PLC0415  (optional)
-    except ImportError:
-        raise SettingsError(NEEDS_VIEW) from None
+    with importing("reading MCAP files", "mcap", "view"):
+        from mcap.reader import make_reader  # noqa: PLC0415
     try:
         check_file(path)
         with path.open("rb") as file:
@@ -158,8 +157,7 @@ def read_arrays(path: Path | str) -> dict[str, Any]:
     try:
         return dict(read_npz(attached_log(Path(path)) if is_mcap(Path(path)) else Path(path)))
     except (OSError, ValueError) as error:
-        reason = error.strerror or error if isinstance(error, OSError) else error
-        raise SettingsError(f"{path}: not a readable log: {reason}") from None
+        raise SettingsError(f"{path}: not a readable log: {getattr(error, 'strerror', None) or error}") from None
 
 
 def load_log(path: Path | str) -> Log:

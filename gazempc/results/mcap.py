@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gazempc.errors import SettingsError
+from gazempc.errors import importing
 from gazempc.files.whole import whole
 from gazempc.results.log import Log
-from gazempc.results.log_files import NEEDS_VIEW
 from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
 from gazempc.types import JointState
+
+_Timed = AttendedMoment | SeenMoment | EventMoment | PlanMoment | TickMoment
 
 
 def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> None:
@@ -31,12 +32,11 @@ def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> 
         plans: The plans of the run, if available.
 
     Raises:
-        SettingsError: If a package is missing or the file cannot be written.
+        MissingOptionalDependencyError: If a package is missing.
+        SettingsError: If the file cannot be written.
     """
-    try:
+    with importing("writing MCAP files", "foxglove-sdk", "view"):
         from gazempc.results.mcap_channels import Channels, McapWriter  # noqa: PLC0415
-    except ImportError:
-        raise SettingsError(NEEDS_VIEW) from None
     buffer = io.BytesIO()
     log.save(buffer)
     with whole(Path(path)) as part, closing(McapWriter(log.run, part)) as writer:
@@ -46,7 +46,7 @@ def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> 
         writer.attach(buffer.getvalue())
 
 
-def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> list[Moment]:
+def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> Sequence[Moment]:
     """Moments of a run, from its log.
 
     Args:
@@ -57,19 +57,20 @@ def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> list[Moment]:
         The moments in temporal order.
     """
     texts = {fault.event: fault.line for fault in log.faults}
-    rows = (log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist())
-    found: list[tuple[float, int, Moment]] = [(row[0], 0, AttendedMoment(*row)) for row in zip(*rows, strict=True)]
+    rows = zip(log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist(), strict=True)
+    found: list[_Timed] = [AttendedMoment(*row) for row in rows]
     for k, time_s in enumerate(log.arrival_time_s.tolist()):
         forecast = log.forecast_mean_base_m[k], log.forecast_covariance_m2[k], float(log.forecast_degrees_of_freedom[k])
         observed = float(log.capture_time_s[k]), log.head_observed_base_m[k], None, str(log.person_id[k])
-        found.append((time_s, 0, SeenMoment(time_s, *observed, *forecast, log.forecast_true_base_m[k])))
+        found.append(SeenMoment(time_s, *observed, *forecast, log.forecast_true_base_m[k]))
     events = zip(log.event_time_s.tolist(), log.event_name.tolist(), strict=True)
-    found += [(time_s, 1, EventMoment(time_s, name, texts.get(name, name))) for time_s, name in events]
-    found += [(plan.time_s, 1, plan) for plan in plans]
+    found += [EventMoment(time_s, name, texts.get(name, name)) for time_s, name in events]
+    found += plans
     commands = np.stack([log.command_position_rad, log.command_velocity_rad_s, log.command_acceleration_rad_s2], axis=2)
     for k, (time_s, motions) in enumerate(zip(log.time_s.tolist(), commands.tolist(), strict=True)):
         joints = JointState(float(log.joint_time_s[k]), log.joint_position_rad[k], log.joint_velocity_rad_s[k])
         known = joints if np.isfinite(joints.position_rad).all() else None
         sent = tuple(map(tuple, motions))
-        found.append((time_s, 2, TickMoment(time_s, known, log.command_position_rad[k], sent, log.head_true_base_m[k])))
-    return [moment for *_, moment in sorted(found, key=lambda each: each[:2])]
+        found.append(TickMoment(time_s, known, log.command_position_rad[k], sent, log.head_true_base_m[k]))
+    # Stable: of one time, a tick comes last.
+    return sorted(found, key=lambda each: each.time_s)

@@ -157,19 +157,16 @@ class Channels:
                 self._attended.log(content, log_time=scene.nanoseconds(moment.time_s))
 
     def _tick(self, tick: moments.TickMoment) -> None:
-        at, joints = scene.nanoseconds(tick.time_s), self._true_joints or tick.joints
-        nowhere = np.full(self._neck.joints, np.nan)
-        position_rad = nowhere if joints is None else joints.position_rad
-        speed_rad_s = nowhere if joints is None else joints.velocity_rad_s
+        at, nowhere = scene.nanoseconds(tick.time_s), np.full(self._neck.joints, np.nan)
+        joints = self._true_joints or tick.joints or JointState(math.nan, nowhere, nowhere)
         head_m = _UNKNOWN if tick.head_true_base_m is None else tick.head_true_base_m
         _, speeds, accelerations = zip(*tick.motions, strict=True)
-        read = (math.nan if joints is None else joints.time_s, *position_rad.tolist(), *speed_rad_s.tolist())
+        read = (joints.time_s, *joints.position_rad.tolist(), *joints.velocity_rad_s.tolist())
         self._ticks((tick.time_s, *head_m.tolist(), *read, *tick.sent_rad.tolist(), *speeds, *accelerations), at)
         errors = np.rad2deg(
-            gaze_error_rad(self._neck.geometry, position_rad, np.stack([head_m, self._observed_base_m]))
+            gaze_error_rad(self._neck.geometry, joints.position_rad, np.stack([head_m, self._observed_base_m]))
         ).tolist()
-        late = (math.nan, math.nan) if self._late is None else self._late
-        self._metrics((tick.time_s, *errors, *late, self._latency_ms), at)
+        self._metrics((tick.time_s, *errors, *(self._late or (math.nan, math.nan)), self._latency_ms), at)
         self._true_joints = self._late = None
         behind_s = tick.time_s - self._scene_due_s
         if behind_s >= -_ABOUT_NOW_S:
@@ -177,7 +174,7 @@ class Channels:
             self._scene_due_s = _SCENE_PERIOD_S + (tick.time_s if behind_s > _SCENE_PERIOD_S else self._scene_due_s)
             self._draw(tick, joints, head_m, at)
 
-    def _draw(self, tick: moments.TickMoment, joints: JointState | None, head_m: FloatArray, at: int) -> None:
+    def _draw(self, tick: moments.TickMoment, joints: JointState, head_m: FloatArray, at: int) -> None:
         def states(*columns: Sequence[float]) -> fox.JointStates:
             rows = zip(self._neck.joint_names, *columns, strict=True)
             fields = ("name", "position", "velocity", "acceleration")
@@ -187,7 +184,7 @@ class Channels:
         _, speeds, accelerations = zip(*tick.motions, strict=True)
         self._commands.log(states(tick.sent_rad.tolist(), speeds, accelerations), log_time=at)
         entities: list[fox.SceneEntity] = []
-        if joints is not None:
+        if np.isfinite(joints.position_rad).all():
             self._joints.log(states(joints.position_rad.tolist(), joints.velocity_rad_s.tolist()), log_time=at)
             frames = [*scene.neck_frames(self._neck, joints.position_rad), self._camera]
             self._frames.log(scene.transforms(frames, tick.time_s), log_time=at)

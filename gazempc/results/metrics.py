@@ -78,8 +78,7 @@ def gaze_error_deg(log: Log) -> FloatArray:
     Returns:
         Angles, shape (M,), degrees; NaN where true head or joints are unknown.
     """
-    error = gaze_error_rad(log.neck.geometry, log.joint_position_rad, log.head_true_base_m)
-    return np.rad2deg(error)
+    return np.rad2deg(gaze_error_rad(log.neck.geometry, log.joint_position_rad, log.head_true_base_m))
 
 
 def scored_ticks(log: Log, known: FloatArray) -> BoolArray:

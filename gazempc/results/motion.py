@@ -37,16 +37,13 @@ def sparc(speed: FloatArray, rate_hz: float) -> float:
     if spectrum.max() == 0.0:
         return float("nan")
     frequency_hz = np.arange(points) * rate_hz / points
-    low = frequency_hz <= _CUTOFF_HZ
-    amplitude = (spectrum / spectrum.max())[low]
-    frequency_hz = frequency_hz[low]
-    above = np.flatnonzero(amplitude >= _THRESHOLD)
-    used = slice(above[0], above[-1] + 1)
-    amplitude, frequency_hz = amplitude[used], frequency_hz[used]
-    if frequency_hz.size < 2:
+    amplitude = spectrum / spectrum.max()
+    above = np.flatnonzero((amplitude >= _THRESHOLD) & (frequency_hz <= _CUTOFF_HZ))
+    if above.size < 2:
         return float("nan")
-    across = np.diff(frequency_hz) / (frequency_hz[-1] - frequency_hz[0])
-    return -float(np.sum(np.sqrt(across**2 + np.diff(amplitude) ** 2)))
+    used = np.arange(above[0], above[-1] + 1)
+    across = np.diff(frequency_hz[used]) / np.ptp(frequency_hz[used])
+    return -float(np.sum(np.hypot(across, np.diff(amplitude[used]))))
 
 
 def log_dimensionless_jerk(speed: FloatArray, rate_hz: float) -> float:
@@ -193,8 +190,7 @@ def eye_eccentricity_deg(log: Log) -> FloatArray:
     if log.neck.eyes is None:
         return np.full(log.time_s.size, np.nan)
     pan, tilt = (log.joint_position_rad[:, log.neck.joint_names.index(name)] for name in EYE_AXES)
-    eccentricity: FloatArray = np.rad2deg(np.arccos(np.clip(np.cos(pan) * np.cos(tilt), -1.0, 1.0)))
-    return eccentricity
+    return np.asarray(np.rad2deg(np.arccos(np.clip(np.cos(pan) * np.cos(tilt), -1.0, 1.0))))
 
 
 def _apart(times_s: list[float], nearest_s: float) -> Iterator[int]:

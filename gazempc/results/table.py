@@ -43,10 +43,6 @@ class Repeats:
         """Mean over the seeds with a defined figure; NaN if undefined for all."""
         return of_known(np.array(self.values(name)))
 
-    def most(self, name: str) -> float:
-        """Largest over the seeds."""
-        return max(self.values(name))
-
     def sd(self, name: str) -> float:
         """Standard deviation over the seeds with a defined figure; NaN for fewer than two."""
         values = np.array(self.values(name))
@@ -86,8 +82,7 @@ def measured_again(log: Log) -> Repeats:
     Returns:
         The figures of its one run.
     """
-    nothing = np.empty(0)
-    times = measure_compute(ComputeTimes(nothing, nothing, nothing), log.neck.control_period_s)
+    times = measure_compute(ComputeTimes(*(np.empty(0),) * 3), log.neck.control_period_s)
     return Repeats((log.run.seed,), tuple(make_rows([(log.run.controller, log.run.predictor, measure(log), times)])))
 
 
@@ -120,7 +115,8 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
     def peak(what: str, suffix: str, unit: str, digits: int) -> tuple[str, list[str]]:
         limits = getattr(neck, f"{what}_max_{suffix}")
         span = f"{limits.min():g}" if limits.min() == limits.max() else f"{limits.min():g}/{limits.max():g}"
-        return f"peak {what} [{unit}], limit {span}", [f"{r.most(f'peak_{what}_{suffix}'):.{digits}f}" for r in repeats]
+        most = [f"{max(r.values(f'peak_{what}_{suffix}')):.{digits}f}" for r in repeats]
+        return f"peak {what} [{unit}], limit {span}", most
 
     def time(name: str) -> list[str]:
         return [_spread(r.mean(name), math.nan, 2, "") for r in repeats]

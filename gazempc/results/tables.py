@@ -70,9 +70,7 @@ def tick_columns(joints: Sequence[str]) -> tuple[str, ...]:
     Args:
         joints: Names of the joints.
     """
-    of_joints = (
-        "joint_{}_rad", "joint_{}_rad_s", "command_{}_rad", "command_{}_rad_s", "command_{}_rad_s2"
-    )  # fmt: skip
+    of_joints = ("joint_{}_rad", "joint_{}_rad_s", "command_{}_rad", "command_{}_rad_s", "command_{}_rad_s2")
     return (
         "time_s",
         *(f"head_true_{axis}_base_m" for axis in _AXES),

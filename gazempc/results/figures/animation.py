@@ -10,7 +10,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Circle, Ellipse
 from matplotlib.transforms import Affine2D
-from numpy.typing import NDArray
 from PIL import Image
 
 from gazempc.neck.kinematics import gaze_ray
@@ -52,8 +51,7 @@ def head_offset_deg(log: Log) -> FloatArray:
     )
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     # Length from the error angle, not its tangents: also valid for a head beside or behind the gaze.
-    offset: FloatArray = gaze_error_deg(log)[:, None] * across / np.maximum(length, 1e-12)
-    return offset
+    return np.asarray(gaze_error_deg(log)[:, None] * across / np.maximum(length, 1e-12))
 
 
 def frame_times(length_s: float) -> FloatArray:
@@ -152,8 +150,7 @@ def animate(logs: Logs, path: Path) -> None:
 
     def picture() -> Image.Image:
         canvas.draw()  # type: ignore[no-untyped-call]
-        pixels: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
-        return Image.fromarray(pixels[..., :3])
+        return Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])  # type: ignore[no-untyped-call]
 
     times_s = frame_times(max(float(log.time_s[-1] - log.time_s[0]) for log in logs.values()))
 

@@ -110,7 +110,8 @@ def shown_head(log: Log) -> ShownHead:
         return ShownHead(replace(log, head_true_base_m=heads_m), known, False, "head as observed")
     label = "smoothed track" if truth_of(log.run.kind) else "true head"
     # A single frame between two gaps is not a low frame rate.
-    rare = 2 * np.count_nonzero(_alone(known)) > np.count_nonzero(known)
+    alone = known & (np.convolve(known, [1, 0, 1], "same") == 0)
+    rare = 2 * np.count_nonzero(alone) > np.count_nonzero(known)
     if not rare:
         return ShownHead(log, known, False, label)
     heads_m = _joined(log.time_s, log.time_s[known], log.head_true_base_m[known])
@@ -171,11 +172,6 @@ def finish(figure: Figure, logs: Logs, path: Path) -> None:
     figure.suptitle("\n".join(lines), fontsize="medium")
     with naming(path):
         figure.savefig(path, dpi=DPI)
-
-
-def _alone(known: BoolArray) -> BoolArray:
-    beside = np.convolve(known, [1, 0, 1], "same") > 0
-    return np.asarray(known & ~beside)
 
 
 def _joined(times_s: FloatArray, at_s: FloatArray, positions_m: FloatArray) -> FloatArray:

@@ -121,8 +121,7 @@ def away_in_all(logs: Logs) -> tuple[tuple[float, float], ...]:
     """
     ticks = min(log.time_s.size for log in logs.values())
     away = np.logical_and.reduce([log.looks_away[:ticks] for log in logs.values()])
-    first = next(iter(logs.values()))
-    return spans(away, first.time_s)
+    return spans(away, next(iter(logs.values())).time_s)
 
 
 def spans(flags: BoolArray, time_s: FloatArray) -> tuple[tuple[float, float], ...]:

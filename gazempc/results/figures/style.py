@@ -102,13 +102,12 @@ def styles(controllers: Iterable[str]) -> dict[str, Style]:
         Name -> style. User-defined controllers get different colours, as far as available.
     """
     found: dict[str, Style] = {}
-    taken: set[str] = set()
     for name in controllers:
+        taken = {each.colour for each in found.values()}
         start = zlib.crc32(name.encode())
         order = [_OWN_COLOURS[(start + k) % len(_OWN_COLOURS)] for k in range(len(_OWN_COLOURS))]
         own = next((colour for colour in order if colour not in taken), order[0])
         found[name] = _STYLES.get(name) or Style(name, own, 1.6)
-        taken.add(found[name].colour)
     return found
 
 

@@ -86,20 +86,17 @@ class Chart:
             "levels": self.levels,
             "spans": [vars(span) for span in self.spans],
             "curves": [
-                {"label": c.label, "dash": self.dash(i), **_points(c)} | ({"names": c.names} if c.names else {})
-                for i, c in enumerate(self.curves)
+                {"label": c.label, "dash": self.dash(i), "xs": _numbers(c.x[keep]), "ys": _numbers(c.y[keep])}
+                | ({"names": c.names} if c.names else {})
+                for i, (c, keep) in enumerate((c, _kept(c)) for c in self.curves)
             ],
         }
 
 
-def _points(curve: Curve) -> dict[str, list[float | None]]:
-    keep = list(range(curve.x.size)) if curve.names else _kept(curve.y)
-    return {"xs": _numbers(curve.x[keep]), "ys": _numbers(curve.y[keep])}
-
-
-def _kept(y: FloatArray) -> list[int]:
-    """Indices of the points to keep: minimum and maximum of each interval, so that no peak is lost."""
-    if y.size <= _POINTS:
+def _kept(curve: Curve) -> list[int]:
+    """Indices of the points to keep: those with names, or minimum and maximum of each interval: no peak is lost."""
+    y = curve.y
+    if curve.names or y.size <= _POINTS:
         return list(range(y.size))
     kept: list[int] = []
     for part in np.array_split(np.arange(y.size), _POINTS // 2):

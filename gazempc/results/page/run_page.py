@@ -197,18 +197,14 @@ def unusual_of(log: Log, meanings: Mapping[str, str], whose: str = "") -> list[U
         times_s = log.event_time_s[log.event_name == event] - log.time_s[0]
         each = ", ".join(f"{time_s:.2f}" for time_s in times_s[:_TIMES_LISTED])
         when = f" at {each}{', ...' if times_s.size > _TIMES_LISTED else ''} s" if times_s.size else ""
-        found.append(_of_event(event, times_s.size, meanings, faults.get(event), whose, when))
+        found.append(_of_event(faults.get(event, Fault(event, times_s.size, "", "")), meanings, whose, when))
     return found
 
 
-def _of_event(
-    event: str, count: int, meanings: Mapping[str, str], fault: Fault | None, whose: str = "", when: str = ""
-) -> Unusual:
+def _of_event(fault: Fault, meanings: Mapping[str, str], whose: str = "", when: str = "") -> Unusual:
     """An event, with its first exception, if any."""
-    if fault is None:
-        return Unusual(f"{whose}{event}, {count} x{when}", meanings.get(event, ""))
-    text = ": ".join(filter(None, (meanings.get(event, ""), fault.error)))
-    return Unusual(f"{whose}{event}, {fault.count} x{when}", text, fault.traceback)
+    text = ": ".join(filter(None, (meanings.get(fault.event, ""), fault.error)))
+    return Unusual(f"{whose}{fault.event}, {fault.count} x{when}", text, fault.traceback)
 
 
 def captions(pictures: Iterable[Path]) -> dict[Path, str]:
@@ -299,7 +295,7 @@ def _live_unusual(summary: Mapping[str, Any], meanings: Mapping[str, str]) -> It
     if summary["limit_violations"]:
         yield Unusual(f"{summary['limit_violations']} violations of the neck's limits")
     yield from (Unusual(f"warning: {warning}") for warning in summary["warnings"])
-    faults = {fault["event"]: Fault(**fault) for fault in summary["faults"]}
-    for event in dict.fromkeys([*summary["events"], *faults]):
-        yield _of_event(event, summary["events"].get(event, 0), meanings, faults.get(event))
+    events = {event: Fault(event, count, "", "") for event, count in summary["events"].items()}
+    events |= {fault["event"]: Fault(**fault) for fault in summary["faults"]}
+    yield from (_of_event(event, meanings) for event in events.values())
     yield from (Unusual(f"not used: {problem}") for problem in summary["problems"])

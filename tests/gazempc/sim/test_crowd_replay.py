@@ -70,13 +70,14 @@ def test_observations_assigned_to_another_person_are_swaps(monkeypatch, exchange
     calls = []
     right = people.assign
 
-    def by_side(expected, unseen_s, track_names, measured_m, *others):
+    def by_side(expected, unseen_s, track_names, observations):
         calls.append(1)
-        if not len(track_names) == len(measured_m) == 2:
-            return right(expected, unseen_s, track_names, measured_m, *others)
-        left = int(np.argmax(measured_m[:, 1]))
+        if not len(track_names) == len(observations) == 2:
+            return right(expected, unseen_s, track_names, observations)
+        left = int(np.argmax([seen.head_position_base_m[1] for seen in observations]))
         exchanged = exchanged_from_frame is not None and len(calls) >= exchanged_from_frame
-        return [(0, 1 - left), (1, left)] if exchanged else [(0, left), (1, 1 - left)]
+        columns = (1 - left, left) if exchanged else (left, 1 - left)
+        return [(row, column, expected.of(slice(row, row + 1))) for row, column in enumerate(columns)]
 
     monkeypatch.setattr(people, "assign", by_side)
     scene = standing_together(2.5, [2.0, 0.8, 0.3], [2.0, -0.8, 0.3])
