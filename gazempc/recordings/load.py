@@ -16,8 +16,7 @@ from gazempc.recordings.readers.table import TABLES, read_table
 from gazempc.recordings.readers.tables.other_files import is_openpose_folder
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names, generate_everyday
-from gazempc.recordings.synthetic.routes import ROUTES
-from gazempc.recordings.synthetic.walks import generate, synthetic_names
+from gazempc.recordings.synthetic.walks import ROUTES, generate, synthetic_names
 
 Reader = Callable[[Path, ReadOptions], Recording]
 _READERS: dict[str, Reader] = {

@@ -1,4 +1,4 @@
-"""Simulated observations of several people by one sensor, with mutual occlusion."""
+"""The people of a replay: their simulated observations, mutual occlusion, and the attended one."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gazempc.errors import SettingsError
+from gazempc.loop.looking_away import LookingAway
+from gazempc.loop.track import Target
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.truth import TrueHead
+from gazempc.results.log import Log
+from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.spec import SensorSpec
 from gazempc.sim.sensor import observe
-from gazempc.types import Sighting
+from gazempc.types import FloatArray, IntArray, Sighting
 from predictors import Forecast, HeadObservation, Perfect
 
 # Half the width of shoulders (0.45 m): body and face trackers lose a person whose centre line is behind another's
@@ -89,3 +94,98 @@ class PerfectOfCrowd:
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
         return (self._perfect or Perfect(self._heads[0])).forecast(times_s)
+
+
+_NONE = -1
+
+
+class Crowd:
+    """All people of a scene, and the attended one; a single person is always attended.
+
+    Args:
+        scene: The scene.
+        target: The target of the loop: the attended one of several people, or a single person.
+
+    Attributes:
+        heads: True head of each person.
+        seen: Number in `heads` and sighting, in order of arrival.
+
+    Raises:
+        SettingsError: If there are several people and the target is for a single person.
+    """
+
+    def __init__(self, scene: Scene, target: Target) -> None:
+        walks = (scene.walk, *scene.others)
+        self._several = target.several if isinstance(target, LookingAway) else None
+        if self._several is not None:
+            self.seen = observe_together(walks, scene.sensor, scene.seed)
+        elif scene.others:
+            raise SettingsError(f"{scene.name}: several people: choose one by --attend, such as --attend nearest")
+        else:
+            self.seen = [(0, sighting) for sighting in observe(scene.walk, scene.sensor, scene.seed)]
+        self.heads = [TrueHead(walk) for walk in walks]
+        self._whose = {id(sighting.observation): k for k, sighting in self.seen}
+        self._owners: dict[int, int] = {}
+        self._swaps_s: list[float] = []
+        self._attended: list[tuple[float, int]] = []
+
+    def note(self, now_s: float) -> None:
+        """Record the attended person and identity swaps; called after each tick.
+
+        Args:
+            now_s: The time, seconds.
+        """
+        if self._several is None:
+            return
+        attended = _NONE
+        for track in self._several.people.confirmed:
+            # Identity swap: observations of another person under the same number.
+            owner = self._whose[id(track.newest)]
+            if self._owners.setdefault(track.number, owner) != owner:
+                self._owners[track.number] = owner
+                self._swaps_s.append(now_s)
+            if track.number == self._several.attention.attended.number:
+                attended = owner
+        self._attended.append((now_s, attended))
+
+    def attended_head(self, times_s: FloatArray) -> FloatArray:
+        """True position of the attended head.
+
+        Args:
+            times_s: Times, shape (H,), seconds.
+
+        Returns:
+            Positions, shape (H, 3), metres; NaN if no person was attended, or the position is unknown.
+        """
+        found = np.full((times_s.size, 3), np.nan)
+        whom = self._attended_at(times_s)
+        for k, head in enumerate(self.heads):
+            mine = (whom == k) & head.known(times_s)
+            if mine.any():
+                found[mine] = head(times_s[mine])
+        return found
+
+    def completed(self, log: Log) -> Log:
+        """Remove comparisons of a forecast with another person from a log, and add identity swaps.
+
+        Args:
+            log: The log.
+
+        Returns:
+            The log; true heads at times of forecasts are NaN if another person was attended by then.
+        """
+        then = self._attended_at(log.capture_time_s)[:, None]
+        ahead = log.capture_time_s[:, None] + log.forecast_horizon_s
+        same = self._attended_at(ahead.ravel()).reshape(ahead.shape) == then
+        return replace(
+            log,
+            forecast_true_base_m=np.where(same[:, :, None], log.forecast_true_base_m, np.nan),
+            identity_swap_time_s=np.array(self._swaps_s),
+        )
+
+    def _attended_at(self, times_s: FloatArray) -> IntArray:
+        if self._several is None:
+            return np.zeros(times_s.shape, dtype=np.intp)
+        ticks_s, whom = (np.array(values) for values in zip(*self._attended, strict=True))
+        at = np.clip(np.searchsorted(ticks_s, times_s + 1e-9) - 1, 0, ticks_s.size - 1)
+        return np.where(times_s <= ticks_s[-1] + 1e-9, whom[at], _NONE).astype(np.intp)

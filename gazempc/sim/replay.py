@@ -31,8 +31,7 @@ from gazempc.results.log import ComputeTimes, Log, RunInfo
 from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.moments import Moment
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
-from gazempc.sim.crowd import PerfectOfCrowd
-from gazempc.sim.crowd_replay import Crowd
+from gazempc.sim.crowd import Crowd, PerfectOfCrowd
 from gazempc.sim.scene import Scene, SceneSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState, Sighting

@@ -53,12 +53,12 @@ class FrameTree:
     Attributes:
         moving: Poses of a child in its parent, by (parent, child), in the order of the stamps, repeats included.
             Includes rows with non-finite numbers or without an orientation.
-        fixed: The same for `/tf_static`: position and quaternion.
+        fixed: The same for `/tf_static`, one pose each, which holds at all times.
     """
 
     def __init__(self, messages: Iterable[BagMessage]) -> None:
         rows: dict[Edge, list[tuple[float, ...]]] = defaultdict(list)
-        self.fixed: dict[Edge, tuple[FloatArray, Rotation]] = {}
+        self.fixed: dict[Edge, Poses] = {}
         for message in messages:
             if message.topic not in (TF, TF_STATIC):
                 continue
@@ -70,7 +70,7 @@ class FrameTree:
                     at_ns = stamp_ns(transform.header)
                     rows[edge].append((1e-9 * at_ns, 1e-9 * (message.received_ns - at_ns), *pose))
                 elif np.isfinite(pose).all() and any(pose[3:]):
-                    self.fixed[edge] = np.array(pose[:3]), Rotation.from_quat(pose[3:], scalar_first=True)
+                    self.fixed[edge] = poses_of([(0.0, 0.0, *pose)])
         self.moving = {edge: poses_of(values) for edge, values in rows.items()}
 
     @property
@@ -125,11 +125,7 @@ class FrameTree:
         return position_m, turn, known
 
     def _at(self, edge: Edge, times_s: FloatArray) -> tuple[FloatArray, Rotation, BoolArray]:
-        if edge in self.fixed:
-            shift_m, step = self.fixed[edge]
-            every = np.ones(times_s.size, dtype=np.bool_)
-            return np.tile(shift_m, (times_s.size, 1)), Rotation.concatenate([step] * times_s.size), every
-        poses = usable(self.moving[edge])
+        poses = self.fixed[edge] if edge in self.fixed else usable(self.moving[edge])
         poses = poses.chosen(np.isfinite(poses.quat_wxyz[:, 0]))
         if not poses.times_s.size:
             nowhere = np.zeros(times_s.size, dtype=np.bool_)
@@ -141,7 +137,7 @@ class FrameTree:
         turns = Rotation.from_quat(poses.quat_wxyz, scalar_first=True)
         step = turns[after] if knots_s.size == 1 else Slerp(knots_s, turns)(inside_s)
         near_s = np.minimum(np.abs(times_s - knots_s[after]), np.abs(times_s - knots_s[np.maximum(after - 1, 0)]))
-        return shift_m, step, near_s <= _LONGEST_GAP_S
+        return shift_m, step, (near_s <= _LONGEST_GAP_S) | (edge in self.fixed)
 
 
 def usable(poses: Poses) -> Poses:

@@ -30,8 +30,6 @@ _MCAP, _ZSTD = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd"  # the first bytes of such 
 _RECORD, _CHUNK_HEAD, _CHUNK = struct.Struct("<BQ"), struct.Struct("<QQQ"), 6
 _MOST_METADATA_BYTES = 4 * MEGABYTE
 _EXPECTED = f"the folder of a ROS 2 bag ({_METADATA}, and .db3 or .mcap files)"
-# Definitions that no standard type store has.
-_OWN_TYPES = {_IDS_TYPE: "std_msgs/Header header\nstring[] ids"}
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,8 @@ def read_messages(path: Path) -> tuple[Mapping[str, str], list[BagMessage]]:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - optional
     # These definitions are the same in all releases of ROS 2.
     store = get_typestore(Stores.ROS2_FOXY)
-    for name, definition in _OWN_TYPES.items():
-        store.register(get_types_from_msg(definition, name))
+    # No standard type store has this one.
+    store.register(get_types_from_msg("std_msgs/Header header\nstring[] ids", _IDS_TYPE))
     if path.suffix.lower() in FILE_ENDINGS and (path.parent / _METADATA).is_file():
         path = path.parent
     messages: list[BagMessage] = []
@@ -94,11 +92,12 @@ def read_messages(path: Path) -> tuple[Mapping[str, str], list[BagMessage]]:
                 content = store.deserialize_cdr(raw, connection.msgtype)
                 messages.append(BagMessage(connection.topic, received_ns, content))
     except (OSError, SettingsError) as error:
-        reason = error.strerror or str(error) if isinstance(error, OSError) else str(error)
-        place = Path(error.filename).name if isinstance(error, OSError) and error.filename else ""
+        reason = getattr(error, "strerror", None) or str(error)
+        place = Path(getattr(error, "filename", None) or "").name
         raise RecordingError(path, place, f"cannot be read: {reason}", _EXPECTED) from None
     except Exception as error:  # a damaged bag makes the library raise errors of many unrelated classes
-        raise RecordingError(path, "", f"cannot be read ({_first_line(error)})", _EXPECTED) from None
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
+        raise RecordingError(path, "", f"cannot be read ({reason})", _EXPECTED) from None
     return dict(sorted(topics.items())), messages
 
 
@@ -162,8 +161,3 @@ def _is_wanted(topic: str, kind: str) -> bool:
     if kind == _IDS_TYPE:
         return topic == FACES
     return kind in POSE_TYPES or (kind == _TEXT_TYPE and person_of_topic(topic) is not None)
-
-
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0].rstrip(".") if lines else type(error).__name__

@@ -20,7 +20,6 @@ from gazempc.errors import RecordingError, SettingsError, shown
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.body_poses import read_parts, ros_frame
 from gazempc.recordings.readers.tables.guess import guess
 from gazempc.recordings.readers.tables.mapping import (
     ColumnMapping,
@@ -41,7 +40,7 @@ from gazempc.recordings.readers.tables.people import (
 )
 from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.readers.tables.values import Columns
+from gazempc.recordings.readers.tables.values import Columns, read_parts, ros_frame
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import BoolArray

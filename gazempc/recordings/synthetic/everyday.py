@@ -22,13 +22,16 @@ from gazempc.recordings.synthetic.gait import (
     step_rate_hz,
     walk_motion,
 )
-from gazempc.recordings.synthetic.routes import FRAME_RATE_HZ, MINIMUM_JERK_PEAK, HeadingProfile, place_in_view
 from gazempc.recordings.synthetic.walks import (
     DATASET_SEED,
+    FRAME_RATE_HZ,
+    MINIMUM_JERK_PEAK,
     PITCH_WANDER_RAD,
     ROLL_WANDER_RAD,
     SENSOR_HEIGHT_M,
     SUBJECTS,
+    HeadingProfile,
+    place_in_view,
     quat_wxyz,
     synthetic,
 )

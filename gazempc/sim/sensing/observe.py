@@ -10,17 +10,16 @@ import numpy as np
 from gazempc.errors import SettingsError
 from gazempc.recordings.recording import Recording, Track, turned
 from gazempc.sim.sensing.errors import (
-    faces_away,
+    bouts,
+    frames_taken,
     jump_error,
-    other_offset,
-    shows_other,
+    sight_axes,
     sight_error,
     stated_covariances,
+    wander,
     yaw_error,
 )
-from gazempc.sim.sensing.processes import arrivals, bouts, frames_taken, stamps, wander
-from gazempc.sim.sensing.spec import SensorSpec
-from gazempc.sim.sensing.tables import YawError
+from gazempc.sim.sensing.spec import OtherPerson, SensorSpec, YawError
 from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
 from predictors import HeadObservation
 
@@ -59,8 +58,9 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
     missed = rng.random(times_s.size) < sensor.dropout_probability
 
     # Errors and visibility apply to the person who is shown.
-    shows_the_other = shows_other(times_s, sensor.other_person)
-    shown_m = track.head_position_m + other_offset(track.head_position_m, shows_the_other, sensor.other_person)
+    shows_the_other = _shows_other(times_s, sensor.other_person)
+    to_other_m = sensor.other_person.aside_m * sight_axes(track.head_position_m)[:, 1]
+    shown_m = track.head_position_m + np.where(shows_the_other[:, None], to_other_m, 0.0)
     positions_m = shown_m + noise_m + _position_error(times_s, shown_m, sensor, streams)
     missed |= bouts(times_s, sensor.loss, streams["loss"]) >= 0
     visible = track.valid & ~missed & _within(sensor, shown_m, positions_m)
@@ -71,10 +71,12 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
             f"sensor {sensor.name!r} never sees the person in {placed.name}: check its range, view and loss"
         )
     # Vectorised over frames: a single rotation takes as long.
-    head_rad, head_known = _yaw_error(times_s, track, track.head_quat_wxyz, sensor.head_yaw, streams["head"])
-    pelvis_rad, pelvis_known = _yaw_error(times_s, track, track.pelvis_quat_wxyz, sensor.pelvis_yaw, streams["pelvis"])
+    head_m, timing = track.head_position_m, sensor.timing
+    head_rad, head_known = yaw_error(times_s, head_m, track.head_quat_wxyz, sensor.head_yaw, streams["head"])
+    pelvis_rad, pelvis_known = yaw_error(times_s, head_m, track.pelvis_quat_wxyz, sensor.pelvis_yaw, streams["pelvis"])
+    stamp_error_s = timing.stamp_offset_s + timing.stamp_noise_s * streams["stamps"].standard_normal(times_s.size)
     seen_as = zip(
-        stamps(times_s, sensor.timing, streams["stamps"])[seen].tolist(),
+        (times_s + stamp_error_s)[seen].tolist(),
         positions_m[seen],
         _turned(track.head_quat_wxyz, yaw_noise_rad[:, 0] + head_rad, head_known, seen),
         _turned(track.pelvis_quat_wxyz, yaw_noise_rad[:, 1] + pelvis_rad, pelvis_known, seen),
@@ -84,8 +86,9 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
         [_NAMES[shows] if sensor.other_person.ids else None for shows in shows_the_other[seen].tolist()],
         strict=True,
     )
-    arrive_s = arrivals(times_s, sensor.latency_s, sensor.timing, streams["latency"])[seen]
-    if sensor.timing.keeps_order:
+    latency_s = sensor.latency_s + timing.latency_jitter_s * streams["latency"].random(times_s.size)
+    arrive_s = (times_s + latency_s)[seen]
+    if timing.keeps_order:
         arrive_s = np.maximum.accumulate(arrive_s)
     sightings = [Sighting(at_s, HeadObservation(*each)) for at_s, each in zip(arrive_s.tolist(), seen_as, strict=True)]
     return tuple(sorted(sightings, key=lambda sighting: sighting.arrival_s))
@@ -102,6 +105,13 @@ def _track_of(placed: Recording, sensor: SensorSpec) -> Track:
     return placed.measured
 
 
+def _shows_other(times_s: FloatArray, other: OtherPerson) -> BoolArray:
+    """Mask of the frames that show the other person: at the end of each period, counted from the first frame."""
+    # Tolerance for frames at the boundary of a period.
+    in_period_s = (times_s - times_s[0] + 1e-6) % other.every_s
+    return np.asarray(in_period_s >= other.every_s - other.shown_s)
+
+
 def _position_error(times_s: FloatArray, true_m: FloatArray, sensor: SensorSpec, streams: _Streams) -> FloatArray:
     """Wander on each axis, errors along and across the line of sight, jumps: shape (N, 3), metres."""
     slow = sensor.position_wander_m * wander(times_s, sensor.position_wander_time_s, 3, streams["wander"])
@@ -114,16 +124,6 @@ def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> B
     range_m = np.linalg.norm(measured_m, axis=1)
     in_range: BoolArray = (sensor.range_min_m <= range_m) & (range_m <= sensor.range_max_m)
     return in_range & sensor.view.contains(true_m) if sensor.view.on == "base" else in_range
-
-
-def _yaw_error(
-    times_s: FloatArray, track: Track, quats_wxyz: FloatArray, error: YawError, rng: np.random.Generator
-) -> tuple[FloatArray, BoolArray]:
-    """Error of a yaw, radians, and mask of known yaws: each of shape (N,)."""
-    away = faces_away(track.head_position_m, quats_wxyz, error.away_deg)
-    turn_rad, lost = yaw_error(times_s, away, error, rng)
-    # A recording may have positions only.
-    return turn_rad, ~lost & np.isfinite(quats_wxyz).all(axis=1)
 
 
 def _turned(
