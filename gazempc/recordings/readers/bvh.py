@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
-from gazempc.recordings.readers.bvh_parse import Bvh, Joint, Pose, parse_bvh, poses
+from gazempc.recordings.readers.bvh_parse import Bvh, Joint, Pose, parse_bvh, poses, to_root
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording, Track
@@ -60,29 +60,25 @@ def read_bvh(path: Path, options: ReadOptions) -> Recording:
     forward = np.roll(np.abs(up), 1)
     out = Rotation.from_matrix(np.vstack([forward, np.cross(up, forward), up]))
 
-    def quats(joint: int) -> FloatArray:
-        turned = out * pose_of[joint][0] * Rotation.from_matrix(person)
-        return np.asarray(turned.as_quat(scalar_first=True))
-
+    turns = [out * pose_of[joint][0] * Rotation.from_matrix(person) for joint in (head, hips)]
+    head_quat, hips_quat = (turn.as_quat(scalar_first=True) for turn in turns)
     frame_s = bvh.frame_time_s if options.bvh_frame_rate_hz is None else 1.0 / options.bvh_frame_rate_hz
     point = "tip of its bone" if tip != head or tip_offset.any() else "the joint"
     point += f", {skeleton.head_by}" if skeleton.head_by else ""
     inferred = (
         f"read as: {unit}, {axis_name(up)} up, head {joints[head].name} ({point}), "
         f"hips {joints[hips].name}, facing {axis_name(person[:, 0])} at rest ({facing_by}), "
-        f"{1.0 / frame_s:.4g} frames per second; the options {_OPTIONS} change it"
+        f"{1.0 / frame_s:.4g} frames per second"
     )
     track = Track(
         head_position_m=unit_m * out.apply(head_position),
-        head_quat_wxyz=quats(head),
+        head_quat_wxyz=head_quat,
         pelvis_position_m=unit_m * out.apply(hips_position),
-        pelvis_quat_wxyz=quats(hips),
+        pelvis_quat_wxyz=hips_quat,
     )
-    times_s = frame_s * np.arange(len(bvh.motion), dtype=np.float64)
-    notes = [inferred, *left_out]
-    return recording_of(
-        path, times_s, track, "motion capture", has_robot=False, note=f"; the options {_OPTIONS} change it", notes=notes
-    )
+    times_s, note = frame_s * np.arange(len(bvh.motion), dtype=np.float64), f"; the options {_OPTIONS} change it"
+    notes = [f"{inferred}{note}", *left_out]
+    return recording_of(path, times_s, track, "motion capture", has_robot=False, note=note, notes=notes)
 
 
 def _without_rest_frame(bvh: Bvh) -> tuple[Bvh, list[str]]:
@@ -101,17 +97,14 @@ def _up_axis(path: Path, wanted: str | None, to_head: FloatArray) -> FloatArray:
 
     Some files define the skeleton along another axis and rotate it upright in every frame.
     """
-    axis = np.zeros(3)
-    largest = int(np.argmax(np.abs(to_head)))
     if wanted is not None:
-        axis["xyz".index(wanted)] = 1.0
-    elif abs(to_head[largest]) <= _MIN_UP_COSINE * np.linalg.norm(to_head):
+        return np.eye(3)["xyz".index(wanted)]
+    largest = int(np.argmax(np.abs(to_head)))
+    if abs(to_head[largest]) <= _MIN_UP_COSINE * np.linalg.norm(to_head):
         shown = ", ".join(f"{x:.3g}" for x in to_head)
         problem = f"no axis points up: the mean vector from hips to head is ({shown})"
         raise RecordingError(path, "MOTION", problem, "an upright person, or the option bvh_up_axis (y or z)")
-    else:
-        axis[largest] = np.sign(to_head[largest])
-    return axis
+    return np.asarray(np.sign(to_head[largest]) * np.eye(3)[largest])
 
 
 def _travel_direction(hips: Pose, from_head: FloatArray) -> FloatArray | None:
@@ -121,8 +114,7 @@ def _travel_direction(hips: Pose, from_head: FloatArray) -> FloatArray | None:
         hips: N rotations and positions of the hips.
         from_head: Distance from head to hips, shape (N,), file units; a walk is longer.
     """
-    turns, positions = hips
-    way = turns[:-1].inv().apply(np.diff(positions, axis=0)).sum(axis=0)
+    way = hips[0][:-1].inv().apply(np.diff(hips[1], axis=0)).sum(axis=0)
     return way if np.linalg.norm(way) > np.median(from_head) else None
 
 
@@ -237,7 +229,7 @@ def find_skeleton(path: Path, joints: list[Joint], wanted_head: str | None, want
     heads = _wanted(path, joints, wanted_head, "bvh_head_joint")
     if not heads:
         named = _named(joints, ("head",))
-        heads = [k for k in named if not set(_to_root(joints, k)[1:]) & set(named)]
+        heads = [k for k in named if not set(to_root(joints, k)[1:]) & set(named)]
     if not heads:
         heads, head_by = _middle_end(joints, pairs), "far end of the central chain"
     if len(heads) != 1:
@@ -258,10 +250,7 @@ def head_tip(joints: list[Joint], head: int) -> tuple[int, FloatArray]:
 
 def rest_positions(joints: list[Joint]) -> FloatArray:
     """Positions of all joints in the rest pose relative to the root, shape (J, 3), file units."""
-    positions = np.zeros((len(joints), 3))
-    for index, joint in enumerate(joints[1:], start=1):
-        positions[index] = positions[joint.parent] + joint.offset
-    return positions
+    return np.array([joint.rest for joint in joints])
 
 
 def stands_at_rest(joints: list[Joint], hips: int, up: FloatArray) -> bool:
@@ -303,8 +292,7 @@ def person_axes(
     feet = _feet(joints, skeleton, to_head)
     hint, by = (travel, "by the direction of travel") if feet is None else (feet, "by the feet")
     if wanted is not None:
-        ahead, by = np.zeros(3), "by bvh_facing"
-        ahead["xyz".index(wanted[-1])] = -1.0 if wanted.startswith("-") else 1.0
+        ahead, by = (-1.0 if wanted[0] == "-" else 1.0) * np.eye(3)["xyz".index(wanted[-1])], "by bvh_facing"
     elif by_sides is not None and skeleton.sides_named:
         ahead, by = by_sides, "by left and right joints"
         if feet is not None and feet @ by_sides < _CONTRADICTION * np.linalg.norm(feet):
@@ -378,14 +366,6 @@ def _named(joints: list[Joint], names: tuple[str, ...]) -> list[int]:
     return next((found for found in (*whole, *last) if found), [])
 
 
-def _to_root(joints: list[Joint], index: int) -> list[int]:
-    """A joint and all its parents."""
-    way = [index]
-    while joints[way[-1]].parent >= 0:
-        way.append(joints[way[-1]].parent)
-    return way
-
-
 def _mirrored(joints: list[Joint]) -> Pairs:
     """Pairs of mirrored joints in the rest pose about the best of three planes; left and right undetermined."""
     rest = rest_positions(joints)
@@ -432,20 +412,18 @@ def _feet(joints: list[Joint], skeleton: Skeleton, to_head: FloatArray) -> Float
     # Some rest poses have folded legs.
     if min(below, default=0.0) > -_LEGS * trunk:
         return None
-    ahead, length = np.zeros(3), 0.0
-    for index in skeleton.pairs[int(np.argmin(below))]:
-        # The last bone is the foot's or the toes'; so is the one before it, if horizontal.
-        for bone in (joints[index].offset, joints[index].end_offset):
-            across = np.zeros(3) if bone is None else bone - (bone @ up) * up
-            if bone is not None and np.linalg.norm(across) > _FOOT_ACROSS * np.linalg.norm(bone):
-                ahead += across
-                length += float(np.linalg.norm(across))
-    return ahead if np.linalg.norm(ahead) > 0.5 * length else None
+    lowest = [joints[index] for index in skeleton.pairs[int(np.argmin(below))]]
+    # The last bone is the foot's or the toes'; so is the one before it, if horizontal.
+    bones = [bone for joint in lowest for bone in (joint.offset, joint.end_offset) if bone is not None]
+    level = [(bone - (bone @ up) * up, _FOOT_ACROSS * np.linalg.norm(bone)) for bone in bones]
+    across = np.array([part for part, least in level if np.linalg.norm(part) > least]).reshape(-1, 3)
+    ahead = across.sum(axis=0)
+    return ahead if np.linalg.norm(ahead) > 0.5 * np.linalg.norm(across, axis=1).sum() else None
 
 
 def _common(joints: list[Joint], of: list[int]) -> int:
     """Lowest common ancestor of some joints, possibly one of them."""
-    ways = [_to_root(joints, index) for index in of]
+    ways = [to_root(joints, index) for index in of]
     shared = set(ways[0]).intersection(*ways[1:])
     return next(index for index in ways[0] if index in shared)
 
@@ -474,6 +452,4 @@ def _along_axis(direction: FloatArray) -> FloatArray | None:
     largest = int(np.argmax(np.abs(unit)))
     if abs(unit[largest]) < _SNAP_COSINE:
         return np.asarray(unit)
-    axis = np.zeros(3)
-    axis[largest] = np.sign(unit[largest])
-    return axis
+    return np.asarray(np.sign(unit[largest]) * np.eye(3)[largest])

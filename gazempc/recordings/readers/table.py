@@ -20,7 +20,15 @@ from gazempc.errors import RecordingError, SettingsError, shown
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.guess import guess
+from gazempc.recordings.readers.tables.header import (
+    NEEDED,
+    PERSON,
+    choose_from_header,
+    guess,
+    own_mapping,
+    people_in_header,
+    rows_of_person,
+)
 from gazempc.recordings.readers.tables.mapping import (
     ColumnMapping,
     ShippedMapping,
@@ -30,14 +38,6 @@ from gazempc.recordings.readers.tables.mapping import (
     saved_places,
 )
 from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
-from gazempc.recordings.readers.tables.people import (
-    NEEDED,
-    PERSON,
-    choose_from_header,
-    own_mapping,
-    people_in_header,
-    rows_of_person,
-)
 from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
 from gazempc.recordings.readers.tables.values import Columns, read_parts, ros_frame
@@ -209,45 +209,38 @@ def _shape_fits(table: RawTable, mapping: ShippedMapping) -> bool:
     """Whether a table without a header has the mapping's number of columns and types of cells."""
     if mapping.columns is None:
         return True
-    if len(table.names) != mapping.columns:
+    rows = table.first(_FEW_ROWS)
+    cells = [rows.texts(name) for name in table.names]
+    words = {number for number, column in enumerate(cells, 1) if not all(map(is_number, column))}
+    if len(cells) != mapping.columns or words != set(mapping.words):
         return False
-    for number, name in enumerate(table.names, 1):
-        cells = table.texts(name)[:_FEW_ROWS]
-        is_text = not all(is_number(cell) for cell in cells)
-        if is_text != (number in mapping.words):
-            return False
-        if number in mapping.integers and any(float(cell.replace(",", ".")) % 1.0 for cell in cells):
-            return False
-    return True
+    return all(float(cell.replace(",", ".")).is_integer() for k in mapping.integers for cell in cells[k - 1])
 
 
 def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
     """The mapping without missing optional parts; None if a required part is missing."""
-    given = mapping.texts()
-    for head in given["head"].split("|"):
-        names = people_in_header(table, head) if PERSON in head else [""]
-        # All people have the same columns.
-        columns = Columns(table.first(_FEW_ROWS), (names or [""])[0])
-        if names and _columns_exist(columns, {"head": head}):
-            break
-    else:
-        return None
-    found: dict[str, str | None] = {"head": head}
-    for key in given.keys() & _COLUMN_KEYS:
-        texts = given[key].split("|")
-        found[key] = next((text for text in texts if _columns_exist(columns, {"head": head, key: text})), None)
-    needed = {"t", "person", *mapping.needs} & given.keys()
-    return None if any(found[key] is None for key in needed) else mapping.model_copy(update=found)
+    given, rows = mapping.texts(), table.first(_FEW_ROWS)
+    found: dict[str, str | None] = {}
+    for key in ("head", *(given.keys() & _COLUMN_KEYS)):
+        ways = ({"head": found.get("head"), key: text} for text in given[key].split("|"))
+        found[key] = next((way[key] for way in ways if _columns_exist(rows, way)), None)
+        if found[key] is None and key in {"head", "t", "person", *mapping.needs}:
+            return None
+    return mapping.model_copy(update=found)
 
 
-def _columns_exist(columns: Columns, values: dict[str, str]) -> bool:
+def _columns_exist(table: RawTable, values: dict[str, str | None]) -> bool:
     """Whether the columns of a mapping are in the header; invalid cells raise an error when they are read."""
     mapping = ColumnMapping.model_validate({"t": _EVERY_ROW} | values)
+    assert mapping.head is not None
+    names = people_in_header(table, mapping.head) if PERSON in mapping.head else [""]
     try:
+        # All people have the same columns.
+        columns = Columns(table, names[0] if names else "")
         read_parts(columns, mapping)
-        return mapping.person is None or columns.has(mapping.person)
+        return bool(names) and (mapping.person is None or columns.has(mapping.person))
     except RecordingError as error:
-        return error.where != "header"
+        return bool(names) and error.where != "header"
 
 
 def _lifted_from_hips(path: Path, track: Track) -> Track:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 
 from gazempc.errors import RecordingError, importing
 from gazempc.files.text import read_text
-from gazempc.recordings.readers.tables.people import COLUMNS
+from gazempc.recordings.readers.tables.header import COLUMNS
 from gazempc.recordings.readers.tables.raw_table import RawTable
 
 # An hour of 50 columns at 60 Hz.
