@@ -22,7 +22,6 @@ from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.header import (
     NEEDED,
-    PERSON,
     choose_from_header,
     guess,
     own_mapping,
@@ -30,6 +29,7 @@ from gazempc.recordings.readers.tables.header import (
     rows_of_person,
 )
 from gazempc.recordings.readers.tables.mapping import (
+    PERSON,
     ColumnMapping,
     ShippedMapping,
     parse_columns,
@@ -40,7 +40,7 @@ from gazempc.recordings.readers.tables.mapping import (
 from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
 from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.readers.tables.values import Columns, read_parts, ros_frame
+from gazempc.recordings.readers.tables.values import read_parts, ros_frame
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
 from gazempc.types import BoolArray
@@ -97,19 +97,19 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     if PERSON in mapping.head:
         names = people_in_header(table, mapping.head)
         if not names:
-            raise Columns(table).missing(f"columns for {mapping.head}")
+            raise table.missing(f"columns for {mapping.head}")
         identity, more = choose_from_header(table, names, person)
         notes += more
     elif person is not None and mapping.person is None:
         raise SettingsError(f"--reading.person {person}: {path} has no column of person ids; add person=COLUMN")
-    columns = Columns(table, identity)
-    times_s, track = read_parts(columns, mapping)
+    mapping = mapping.of_person(identity)
+    times_s, track = read_parts(table, mapping)
     known, selected = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        selected, identity, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        selected, identity, more = rows_of_person(table, table.one(mapping.person), known, person)
         notes += more
     notes += _drop_note(table, known, selected)
-    rows, frame = np.flatnonzero(known & selected), ros_frame(columns, mapping)
+    rows, frame = np.flatnonzero(known & selected), ros_frame(table, mapping)
     times_s, track = times_s[rows], track.rows(known & selected)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
     if frame is not None and mapping.head_axes is None and not track.positions_only:
@@ -236,9 +236,8 @@ def _columns_exist(table: RawTable, values: dict[str, str | None]) -> bool:
     names = people_in_header(table, mapping.head) if PERSON in mapping.head else [""]
     try:
         # All people have the same columns.
-        columns = Columns(table, names[0] if names else "")
-        read_parts(columns, mapping)
-        return bool(names) and (mapping.person is None or columns.has(mapping.person))
+        read_parts(table, mapping.of_person(names[0] if names else ""))
+        return bool(names) and (mapping.person is None or table.has(mapping.person))
     except RecordingError as error:
         return bool(names) and error.where != "header"
 

@@ -6,8 +6,8 @@ used here, none of the clips' data.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -26,6 +26,11 @@ SWAY_SLOPE_S_M = -0.41  # relative change of sway per m/s: people sway less when
 BOB_SLOPE_S_M = 1.0  # relative change of bob per m/s: longer steps lift more; the walks
 PITCH_SWING_RAD = np.radians(1.5)  # at the step rate; head pitch and roll vary by 2.2 and 1.4 deg in all
 ROLL_SWING_RAD = np.radians(1.0)  # at the stride rate
+
+
+def _trait(mean: float, sd: float, low: float, high: float) -> Any:
+    """Field of a trait with its mean, standard deviation and bounds over people."""
+    return field(metadata={"over_people": (mean, sd, low, high)})
 
 
 @dataclass(frozen=True)
@@ -48,19 +53,23 @@ class WalkerTraits:
         head_pitch_rad: Mean pitch of the head, positive nose down.
     """
 
-    head_height_m: float
-    head_ahead_m: float
-    speed_m_s: float
-    step_rate_offset_hz: float
-    sway_m: float
-    bob_m: float
-    fore_aft_m: float
-    pelvis_yaw_swing_rad: float
-    head_lead_s: float
-    pelvis_lead_s: float
-    head_yaw_offset_rad: float
-    head_yaw_wander_rad: float
-    head_pitch_rad: float
+    # Adults' stature less about 0.1 m: the head joint lies inside the head.
+    head_height_m: float = _trait(1.60, 0.08, 1.45, 1.75)
+    head_ahead_m: float = _trait(0.042, 0.017, 0.01, 0.08)  # the walks
+    # Short bouts: 0.6-1.3 m/s (Carlisle & Kuo 2023), below the 0.94-1.43 of long walks (Bohannon 2011).
+    speed_m_s: float = _trait(REFERENCE_SPEED_M_S, 0.17, 0.68, 1.25)
+    step_rate_offset_hz: float = _trait(0.0, 0.12, -0.24, 0.24)  # the walks
+    # The walks, 30 +- 11 and 9 +- 4 mm; the spread here excludes the effect of speed.
+    sway_m: float = _trait(0.030, 0.0098, 0.012, 0.052)
+    bob_m: float = _trait(0.0092, 0.0025, 0.005, 0.016)
+    fore_aft_m: float = _trait(0.006, 0.003, 0.002, 0.012)  # the walks
+    pelvis_yaw_swing_rad: float = _trait(*np.radians([4.5, 2.0, 1.5, 8.5]))  # the walks
+    # About 200 ms: Grasso 1996, Lopez 2019; median 242 ms in sharp turns on the walks.
+    head_lead_s: float = _trait(0.205, 0.035, 0.15, 0.26)
+    pelvis_lead_s: float = _trait(0.10, 0.02, 0.06, 0.14)  # about 100 ms after the head: Farkhatdinov 2017
+    head_yaw_offset_rad: float = _trait(*np.radians([-4.0, 9.0, -22.0, 14.0]))  # the walks
+    head_yaw_wander_rad: float = _trait(*np.radians([3.4, 2.1, 0.8, 8.0]))  # the walks
+    head_pitch_rad: float = _trait(*np.radians([5.0, 4.0, -5.0, 15.0]))  # our choice: eyes on the way ahead
 
 
 @dataclass(frozen=True)
@@ -109,32 +118,6 @@ def slow_variation(rng: np.random.Generator, times_s: FloatArray, highest_hz: fl
     return np.asarray(np.sqrt(2.0 / count) * waves.sum(axis=1))
 
 
-def _radians(mean_deg: float, sd_deg: float, low_deg: float, high_deg: float) -> tuple[float, float, float, float]:
-    return math.radians(mean_deg), math.radians(sd_deg), math.radians(low_deg), math.radians(high_deg)
-
-
-# Mean, standard deviation and bounds of each trait over people.
-_TRAITS: dict[str, tuple[float, float, float, float]] = {
-    # Adults' stature less about 0.1 m: the head joint lies inside the head.
-    "head_height_m": (1.60, 0.08, 1.45, 1.75),
-    "head_ahead_m": (0.042, 0.017, 0.01, 0.08),  # the walks
-    # Short bouts: 0.6-1.3 m/s (Carlisle & Kuo 2023), below the 0.94-1.43 of long walks (Bohannon 2011).
-    "speed_m_s": (REFERENCE_SPEED_M_S, 0.17, 0.68, 1.25),
-    "step_rate_offset_hz": (0.0, 0.12, -0.24, 0.24),  # the walks
-    # The walks, 30 +- 11 and 9 +- 4 mm; the spread here excludes the effect of speed.
-    "sway_m": (0.030, 0.0098, 0.012, 0.052),
-    "bob_m": (0.0092, 0.0025, 0.005, 0.016),
-    "fore_aft_m": (0.006, 0.003, 0.002, 0.012),  # the walks
-    "pelvis_yaw_swing_rad": _radians(4.5, 2.0, 1.5, 8.5),  # the walks
-    # About 200 ms: Grasso 1996, Lopez 2019; median 242 ms in sharp turns on the walks.
-    "head_lead_s": (0.205, 0.035, 0.15, 0.26),
-    "pelvis_lead_s": (0.10, 0.02, 0.06, 0.14),  # about 100 ms after the head: Farkhatdinov 2017
-    "head_yaw_offset_rad": _radians(-4.0, 9.0, -22.0, 14.0),  # the walks
-    "head_yaw_wander_rad": _radians(3.4, 2.1, 0.8, 8.0),  # the walks
-    "head_pitch_rad": _radians(5.0, 4.0, -5.0, 15.0),  # our choice: eyes on the way ahead
-}
-
-
 def draw_walkers(rng: np.random.Generator, count: int) -> tuple[WalkerTraits, ...]:
     """Draw people's traits from published ranges, so that few people already show the whole spread.
 
@@ -148,11 +131,11 @@ def draw_walkers(rng: np.random.Generator, count: int) -> tuple[WalkerTraits, ..
     Returns:
         The people.
     """
-    values = {
-        trait: np.clip(mean + sd * ndtri((rng.permutation(count) + rng.uniform(size=count)) / count), low, high)
-        for trait, (mean, sd, low, high) in _TRAITS.items()
-    }
-    return tuple(WalkerTraits(**{trait: float(drawn[i]) for trait, drawn in values.items()}) for i in range(count))
+    values = []
+    for mean, sd, low, high in (trait.metadata["over_people"] for trait in fields(WalkerTraits)):
+        share = (rng.permutation(count) + rng.uniform(size=count)) / count
+        values.append(np.clip(mean + sd * ndtri(share), low, high).tolist())
+    return tuple(WalkerTraits(*traits) for traits in zip(*values, strict=True))
 
 
 def step_rate_hz(walker: WalkerTraits, speed_m_s: FloatArray) -> FloatArray:

@@ -13,7 +13,6 @@ from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, spl
 from gazempc.recordings.readers.tables.values import LENGTHS_M, POSITION, TIMES_S, seconds_since_1970, split_options
 from gazempc.types import BoolArray
 
-PERSON = "{person}"
 _SHOWN = 8
 _COLUMN = re.compile(r"((person|track|face|body|pedestrian)_?)?id", re.I)
 

@@ -14,6 +14,7 @@ from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.tables.raw_table import Layout
 from gazempc.specfiles import explain, parse_spec
 
+PERSON = "{person}"
 SAVED_ENDING = ".columns.toml"
 SAVED_FOR_ALL = "columns.toml"
 
@@ -60,6 +61,11 @@ class ColumnMapping(BaseModel):
     def over(self, base: ColumnMapping) -> ColumnMapping:
         """This mapping, completed by another one."""
         return ColumnMapping.model_validate({**base.texts(), **self.texts()})
+
+    def of_person(self, name: str) -> ColumnMapping:
+        """This mapping with a person's name, which may be empty, in place of ``{person}``."""
+        own = {key: text.replace(f"{PERSON}:", f"{name}:" if name else "") for key, text in self.texts().items()}
+        return ColumnMapping.model_validate({key: text.replace(PERSON, name) for key, text in own.items()})
 
     def as_option(self) -> str:
         """The mapping as `--reading.columns` takes it."""

@@ -6,12 +6,14 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from gazempc.errors import RecordingError, shown
+from gazempc.errors import RecordingError, shown, suggest
 from gazempc.types import FloatArray
 
 Layout = Literal["plain", "no header", "motive", "vicon", "mvnx", "openpose"]
@@ -27,6 +29,9 @@ UNIT_WORDS: Mapping[str, str] = {
     "mm": "mm", "millimeters": "mm", "millimetres": "mm", "in": "in", "inches": "in", "ft": "ft", "feet": "ft",
     "deg": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radians": "rad",
 }  # fmt: skip
+# Separators between a group's name and the letter of a column.
+_SEPARATORS = ("", ".", "_", " ", "/", "-", ":", "__")
+_NUMBER = re.compile(r"#(\d+)")
 _BRACKETED = re.compile(r"^(?P<stem>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]+?)\s*[\])]\s*$")
 _SUFFIXED = re.compile(r"^(?P<stem>.+?),?[_. ](?P<unit>[a-zµ°]+)$", re.IGNORECASE)
 
@@ -90,6 +95,50 @@ class RawTable:
     def unit(self, name: str) -> str | None:
         """Unit of a column, from the file or from its name; None if unknown."""
         return self.units.get(name) or split_unit(name)[1]
+
+    def one(self, text: str) -> str:
+        """Name of the column for a mapping's value.
+
+        Raises:
+            RecordingError: If there is no such column.
+        """
+        number = _NUMBER.fullmatch(text)
+        if number and 0 < int(number[1]) <= len(self.names):
+            return self.names[int(number[1]) - 1]
+        found = text if text in self.names else self._by_name.get(text.casefold())
+        if found is None:
+            raise self.missing(f"column {text!r}", text)
+        return found
+
+    def has(self, text: str) -> bool:
+        """Whether there is such a column."""
+        try:
+            return bool(self.one(text))
+        except RecordingError:
+            return False
+
+    def group(self, text: str, alphabets: Sequence[Sequence[str]]) -> list[str] | None:
+        """Columns of a group such as ``head`` for ``head_x``, ``head_y``, ``head_z``; None if missing."""
+        base = text.casefold()
+        for letters, joint in product(alphabets, _SEPARATORS):
+            for wanted in ([f"{base}{joint}{c}" for c in letters], [f"{c}{joint}{base}" for c in letters]):
+                if all(name in self._by_name for name in wanted):
+                    return [self._by_name[name] for name in wanted]
+        return None
+
+    def missing(self, what: str, wanted: str = "") -> RecordingError:
+        """Error for missing columns."""
+        near = suggest(wanted, self.names).partition(";")[0] if wanted else ""
+        hint = f" ({near})" if near.startswith("perhaps") else ""
+        problem = f"no {what}{hint}; found {shown(', '.join(self.names), 200)}"
+        expected = "names of columns in the header or, without a header, their numbers"
+        return RecordingError(self.path, "header", problem, expected)
+
+    @cached_property
+    def _by_name(self) -> dict[str, str]:
+        """Columns by name, with or without the unit, in lower case; the first of several."""
+        with_units = {name.casefold(): name for name in reversed(self.names)}
+        return {split_unit(name)[0].casefold(): name for name in reversed(self.names)} | with_units
 
     def _column(self, name: str) -> Sequence[str] | FloatArray:
         if self.names.count(name) > 1:
@@ -159,11 +208,9 @@ def wide(table: RawTable) -> RawTable:
     marks = table.texts(named[0])
     own = [n for n in table.names if n not in (*named, *axes.values()) and not _OF_LANDMARK.fullmatch(n)]
     frames = list(zip(*(table.texts(name) for name in own), strict=True)) or [()] * len(marks)
-    # For each frame the index of its first row.
-    first: dict[tuple[str, ...], int] = {}
-    for index, frame in enumerate(frames):
-        first.setdefault(frame, index)
-    rows = {frame: row for row, frame in enumerate(first)}
+    # For each frame the place of its first row.
+    places = dict(zip(reversed(frames), reversed(table.places), strict=True))
+    rows = {frame: row for row, frame in enumerate(dict.fromkeys(frames))}
     prefix = f"{named[0].partition('_')[0].lower()}_" if all(mark.isdigit() for mark in marks) else ""
     landmarks = dict.fromkeys(marks)
     found = {f"{prefix}{mark}_{axis}": [""] * len(rows) for mark in landmarks for axis in "xyz"}
@@ -175,7 +222,7 @@ def wide(table: RawTable) -> RawTable:
         table,
         names=(*own, *found),
         columns=[*([frame[k] for frame in rows] for k in range(len(own))), *found.values()],
-        places=[table.places[index] for index in first.values()],
+        places=[places[frame] for frame in rows],
         units={**table.units, **(dict.fromkeys(found, unit) if unit else {})},
         notes=(*table.notes, f"rows of {len(landmarks)} landmarks are merged, one row per frame"),
     )
