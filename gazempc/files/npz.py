@@ -38,7 +38,7 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_members(archive, len(data))
             names = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-            return {name: _array(archive, member) for name, member in names.items()}
+            return {name: npy.read_array(archive.open(member), allow_pickle=False) for name, member in names.items()}
     except (OSError, ValueError):
         raise
     except Exception as error:  # a damaged archive makes the libraries raise errors of many unrelated classes
@@ -92,8 +92,3 @@ def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
         raise ValueError(f"{shown(member.filename, 80)} is of type {kind!s:.80}; accepted: numbers and text")
     if header_bytes + math.prod(shape) * kind.itemsize != member.file_size:
         raise ValueError(f"{shown(member.filename, 80)} has {member.file_size} bytes, which disagrees with its shape")
-
-
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Any:
-    with archive.open(member) as file:
-        return npy.read_array(file, allow_pickle=False)

@@ -130,11 +130,7 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
         return tuple(load(file, given) for file in files)
     if path.exists() and given.person is None and (path.is_dir() or path.suffix in FILE_ENDINGS):
         return read_bag_people(path, given)
-    if path.exists():
-        return (load(path, given),)
     parts = str(words).split(MARK)
-    if len(parts) == 1:
-        return (load(parts[0], given),)
-    # A part that is not a path is one recording's name.
-    every = (load_together(part, given) if Path(part).exists() else (load(part, given),) for part in parts)
-    return tuple(recording for found in every for recording in found)
+    if path.exists() or len(parts) == 1:
+        return (load(words, given),)
+    return tuple(recording for part in parts for recording in load_together(part, given))

@@ -278,7 +278,7 @@ def _smooth(path: Path, times_s: FloatArray, position_m: FloatArray) -> FloatArr
 
     NaN where not seen; unchanged where the person is seen too rarely.
     """
-    smooth_m, seen = position_m.copy(), np.isfinite(position_m).all(axis=1)
+    smooth_m, seen = np.full_like(position_m, np.nan), np.isfinite(position_m).all(axis=1)
     if seen.sum() < MIN_SEEN_FRAMES:
         return position_m
     # In units of the frame interval the spline's equations are well scaled at any frame rate.

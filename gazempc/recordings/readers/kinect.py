@@ -111,16 +111,13 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     }
     face = positions_mm["NOSE"] - 0.5 * (positions_mm["EAR_LEFT"] + positions_mm["EAR_RIGHT"])
     _check_head_axes(path, head, turns[head], level.apply(face))
-    parts = [
-        values
-        for name in (head, "PELVIS")
-        for values in (1e-3 * level.apply(positions_mm[name]), turns[name].as_quat(scalar_first=True))
-    ]
-    # Frames without the body are unknown.
-    in_all = [np.full((seen[-1] + 1 - seen[0], values.shape[1]), np.nan) for values in parts]
-    for every, values in zip(in_all, parts, strict=True):
-        every[seen - seen[0]] = values
-    track = Track(*in_all)
+    head_m, pelvis_m = (1e-3 * level.apply(positions_mm[name]) for name in turns)
+    head_quat, pelvis_quat = (turn.as_quat(scalar_first=True) for turn in turns.values())
+    # Frames without the body take the last row, which is unknown.
+    rows = np.full(seen[-1] + 1 - seen[0], -1)
+    rows[seen - seen[0]] = np.arange(seen.size)
+    parts = (head_m, head_quat, pelvis_m, pelvis_quat)
+    track = Track(*(np.pad(part, ((0, 1), (0, 0)), constant_values=np.nan)[rows] for part in parts))
     times_s = (times_usec[seen[0] : seen[-1] + 1] - times_usec[seen[0]]) * 1e-6
     return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, shown
+from gazempc.files.documents import as_toml
+from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
@@ -34,7 +37,6 @@ from gazempc.recordings.readers.tables.mapping import (
     ShippedMapping,
     parse_columns,
     read_mapping,
-    save_mapping,
     saved_places,
 )
 from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
@@ -61,9 +63,7 @@ _OPTIONAL_PARTS = {
 }
 # Readers of tables, by the ending of the file.
 TABLES: dict[str, Callable[[Path], RawTable]] = {
-    ".csv": read_text_table,
-    ".tsv": read_text_table,
-    ".txt": read_text_table,
+    **dict.fromkeys((".csv", ".tsv", ".txt"), read_text_table),
     ".parquet": parquet_table,
     ".mvnx": mvnx_table,
 }
@@ -147,11 +147,12 @@ def remember_columns(path: Path, options: ReadOptions) -> str:
     is_table = path.is_dir() or path.suffix.lower() in TABLES
     if not is_table or not (options.columns is not None or options.guess):
         return ""
-    mapping, _ = _mapping_of(_raw(path), options)
+    saved, (mapping, _) = saved_places(path)[0], _mapping_of(_raw(path), options)
     try:
-        return f"columns saved in {save_mapping(path, mapping)}"
-    except RecordingError as error:
-        return f"columns not saved: {error}"
+        write_whole(saved, f"# Columns of {path.name}\n{as_toml(mapping.texts())}")
+    except OSError as error:
+        return f"columns not saved: {saved}: {error.strerror}"
+    return f"columns saved in {saved}"
 
 
 @lru_cache(maxsize=1)
@@ -185,14 +186,11 @@ def _found(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[
         if table.layout in mapping.layout and _shape_fits(table, mapping) and (shipped := _present(table, mapping)):
             note = (shipped.note,) if shipped.note else ()
             return ColumnMapping.model_validate(shipped.texts()), (f"columns as in {name}: {shipped.source}", *note)
-    try:
+    proposal = "name them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
+    proposal, guessed = f"no columns match a time and one head: {proposal}", None
+    with suppress(RecordingError):  # such as a cell that is not a number
         guessed = guess(table)
-    except RecordingError:  # such as a cell that is not a number
-        guessed = None
-    if guessed is None:
-        proposal = "name them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
-        proposal = f"no columns match a time and one head: {proposal}"
-    else:
+    if guessed is not None:
         proposed, remarks = guessed
         option = proposed.as_option()
         if options.guess:
@@ -237,7 +235,7 @@ def _columns_exist(table: RawTable, values: dict[str, str | None]) -> bool:
     try:
         # All people have the same columns.
         read_parts(table, mapping.of_person(names[0] if names else ""))
-        return bool(names) and (mapping.person is None or table.has(mapping.person))
+        return bool(names) and (mapping.person is None or table.find(mapping.person) is not None)
     except RecordingError as error:
         return bool(names) and error.where != "header"
 

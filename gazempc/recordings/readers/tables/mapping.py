@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from gazempc.errors import RecordingError, SettingsError
-from gazempc.files.documents import as_toml, read_settings
-from gazempc.files.whole import write_whole
+from gazempc.errors import SettingsError
+from gazempc.files.documents import read_settings
 from gazempc.recordings.readers.tables.raw_table import Layout
 from gazempc.specfiles import explain, parse_spec
 
@@ -87,6 +86,8 @@ class ShippedMapping(ColumnMapping):
         note: Shown with the results.
     """
 
+    t: str
+    head: str
     source: str
     layout: tuple[Layout, ...]
     columns: int | None = None
@@ -94,12 +95,6 @@ class ShippedMapping(ColumnMapping):
     words: tuple[int, ...] = ()
     needs: tuple[str, ...] = ()
     note: str = ""
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if self.t is None or self.head is None:
-            raise ValueError("t and head are required")
-        return self
 
 
 def parse_columns(text: str, source: str = "--reading.columns") -> ColumnMapping:
@@ -142,24 +137,3 @@ def read_mapping(path: Path) -> ColumnMapping:
 def saved_places(path: Path) -> tuple[Path, Path]:
     """Candidate files of a table's mapping: its own beside it, then one for all tables of the folder."""
     return path.with_name(path.name + SAVED_ENDING), path.with_name(SAVED_FOR_ALL)
-
-
-def save_mapping(path: Path, mapping: ColumnMapping) -> Path:
-    """Write a table's mapping beside it, where readers find it again.
-
-    Args:
-        path: The table.
-        mapping: Its mapping.
-
-    Returns:
-        The file that was written.
-
-    Raises:
-        RecordingError: If it cannot be written.
-    """
-    saved = saved_places(path)[0]
-    try:
-        write_whole(saved, f"# Columns of {path.name}\n{as_toml(mapping.texts())}")
-    except OSError as error:
-        raise RecordingError(saved, "", f"cannot be written: {error.strerror}", "a writable folder") from None
-    return saved

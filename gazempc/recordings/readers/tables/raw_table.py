@@ -96,26 +96,22 @@ class RawTable:
         """Unit of a column, from the file or from its name; None if unknown."""
         return self.units.get(name) or split_unit(name)[1]
 
+    def find(self, text: str) -> str | None:
+        """Name of the column for a mapping's value; None if there is no such column."""
+        number = _NUMBER.fullmatch(text)
+        if number and 0 < int(number[1]) <= len(self.names):
+            return self.names[int(number[1]) - 1]
+        return text if text in self.names else self._by_name.get(text.casefold())
+
     def one(self, text: str) -> str:
         """Name of the column for a mapping's value.
 
         Raises:
             RecordingError: If there is no such column.
         """
-        number = _NUMBER.fullmatch(text)
-        if number and 0 < int(number[1]) <= len(self.names):
-            return self.names[int(number[1]) - 1]
-        found = text if text in self.names else self._by_name.get(text.casefold())
-        if found is None:
+        if (found := self.find(text)) is None:
             raise self.missing(f"column {text!r}", text)
         return found
-
-    def has(self, text: str) -> bool:
-        """Whether there is such a column."""
-        try:
-            return bool(self.one(text))
-        except RecordingError:
-            return False
 
     def group(self, text: str, alphabets: Sequence[Sequence[str]]) -> list[str] | None:
         """Columns of a group such as ``head`` for ``head_x``, ``head_y``, ``head_z``; None if missing."""

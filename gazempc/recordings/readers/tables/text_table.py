@@ -61,7 +61,7 @@ def read_text_table(path: Path) -> RawTable:
 
 def _text(path: Path) -> str:
     """The file's text: UTF-8, or UTF-16 with a byte order mark."""
-    data = read_bytes(path, _FORMAT)
+    data = read_bytes(path)
     marks = np.frombuffer(data, dtype=np.uint8)
     lengths = np.diff(np.flatnonzero((marks == ord("\n")) | (marks == ord("\r"))), prepend=-1, append=len(data))
     line = int(np.argmax(lengths))

@@ -179,7 +179,7 @@ def seconds(table: RawTable, text: str) -> FloatArray:
     if rate:
         return _frames(table, head.strip(), rate["rate"])
     total = np.zeros(len(table.places))
-    for term in [text] if table.has(split_options(text, _WAYS)[0]) else text.split("+"):
+    for term in [text] if table.find(split_options(text, _WAYS)[0]) else text.split("+"):
         body, words = split_options(term, _WAYS)
         name = table.one(body)
         unit = (words or [table.unit(name) or "s"])[-1]
