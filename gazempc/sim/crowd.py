@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from gazempc.errors import SettingsError
 from gazempc.loop.looking_away import LookingAway
@@ -18,7 +17,7 @@ from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.spec import SensorSpec
 from gazempc.sim.sensor import observe
 from gazempc.types import FloatArray, IntArray, Sighting
-from predictors import Forecast, HeadObservation, Perfect
+from predictors import HeadObservation, Perfect
 
 # Half the width of shoulders (0.45 m): body and face trackers lose a person whose centre line is behind another's
 # shoulders.
@@ -43,32 +42,22 @@ def observe_together(walks: Sequence[Recording], sensor: SensorSpec, seed: int) 
     found: list[tuple[int, Sighting]] = []
     for k, walk in enumerate(walks):
         # Different names, for independent noise also if a recording occurs twice.
-        for sighting in observe(replace(walk, name=f"{walk.name} {k}"), sensor, seed):
-            captured_s = sighting.observation.capture_time_s
-            others = [head for j, head in enumerate(heads) if j != k and _plays(walks[j], captured_s)]
-            if not _is_hidden(heads[k], others, captured_s):
-                found.append((k, sighting))
+        seen = observe(replace(walk, name=f"{walk.name} {k}"), sensor, seed)
+        times_s = np.array([sighting.observation.capture_time_s for sighting in seen])
+        own_m = heads[k](times_s)
+        range_m, hidden = np.linalg.norm(own_m, axis=1), np.zeros(times_s.size, dtype=np.bool_)
+        for other, head in zip([*walks[:k], *walks[k + 1 :]], [*heads[:k], *heads[k + 1 :]], strict=True):
+            plays = (other.times_s[0] <= times_s) & (times_s <= other.times_s[-1])
+            nearer_m = np.linalg.norm(head(times_s), axis=1)
+            # Distance of the nearer person from the line of sight to the farther one.
+            along_m = np.sum(head(times_s) * own_m, axis=1) / range_m
+            covers = (along_m > 0.0) & (nearer_m**2 - along_m**2 < _COVERED_M**2)
+            hidden |= plays & (nearer_m < range_m) & covers
+        found += [(k, sighting) for sighting, is_hidden in zip(seen, hidden.tolist(), strict=True) if not is_hidden]
     return sorted(found, key=lambda each: each[1].arrival_s)
 
 
-def _plays(walk: Recording, time_s: float) -> bool:
-    return bool(walk.times_s[0] <= time_s <= walk.times_s[-1])
-
-
-def _is_hidden(head: TrueHead, others: Sequence[TrueHead], time_s: float) -> bool:
-    own_m = head([time_s])[0]
-    range_m = float(np.linalg.norm(own_m))
-    for other in others:
-        other_m = other([time_s])[0]
-        nearer_m = float(np.linalg.norm(other_m))
-        # Distance of the nearer person from the line of sight to the farther one.
-        along_m = float(other_m @ own_m) / range_m
-        if nearer_m < range_m and along_m > 0.0 and nearer_m**2 - along_m**2 < _COVERED_M**2:
-            return True
-    return False
-
-
-class PerfectOfCrowd:
+class PerfectOfCrowd(Perfect):
     """The predictor `perfect` for several people: true future of the person nearest to its first observation.
 
     Args:
@@ -76,24 +65,16 @@ class PerfectOfCrowd:
     """
 
     def __init__(self, heads: Sequence[TrueHead]) -> None:
+        super().__init__(heads[0])
         self._heads = heads
-        self.reset()
-
-    def reset(self) -> None:
-        """Discard the person."""
-        self._perfect: Perfect | None = None
 
     def update(self, observation: HeadObservation) -> None:
         """Process one observation; see `predictors.predictor.Predictor.update`."""
-        if self._perfect is None:
+        if self._issued_at_s is None:
             seen_m, captured_s = observation.head_position_base_m, observation.capture_time_s
             away_m = [float(np.linalg.norm(head([captured_s])[0] - seen_m)) for head in self._heads]
-            self._perfect = Perfect(self._heads[int(np.argmin(away_m))])
-        self._perfect.update(observation)
-
-    def forecast(self, times_s: ArrayLike) -> Forecast:
-        """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
-        return (self._perfect or Perfect(self._heads[0])).forecast(times_s)
+            self._true_position_base_m = self._heads[int(np.argmin(away_m))]
+        super().update(observation)
 
 
 _NONE = -1

@@ -111,9 +111,8 @@ def replay_scene(
     robot_neck = neck if scene.robot_neck is None else narrowed(scene.robot_neck, *limits)
     end_s = float(walk.times_s[-1])
     if end_s < MIN_DURATION_S:
-        raise LeftOutError(
-            f"{walk.name}: {end_s:.2f} s is too short to be scored: at least {MIN_DURATION_S} s are needed"
-        )
+        least = f"at least {MIN_DURATION_S} s are needed"
+        raise LeftOutError(f"{walk.name}: {end_s:.2f} s is too short to be scored: {least}")
     true_head = TrueHead(walk)
     controller, own_predictor = gaze_of(controller) if isinstance(controller, str) else (controller, "")
     predictor = own_predictor or predictor

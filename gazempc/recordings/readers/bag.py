@@ -16,23 +16,21 @@ import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.recordings.readers.bag_frames import (
+    FACES,
     FIXED_FRAMES,
+    POSE_TYPES,
+    TF,
     Axes,
+    BagMessage,
     FrameTree,
     Poses,
     forward,
     person_axes,
-    poses_of,
-    usable,
-)
-from gazempc.recordings.readers.bag_messages import (
-    FACES,
-    POSE_TYPES,
-    TF,
-    BagMessage,
     person_of_topic,
+    poses_of,
     read_messages,
     stamp_ns,
+    usable,
 )
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
@@ -74,10 +72,6 @@ class Sighted:
         of_topic = len(PREFIXES) + (not _PERSON_TOPIC.search(self.topic.lower()))
         kinds = (k for k, prefix in enumerate(PREFIXES) if self.topic == TF and self.name.startswith(prefix))
         return next(kinds, of_topic), -self.poses.times_s.size
-
-    def answers_to(self, name: str) -> bool:
-        """Whether a name matches its frame, id, person or topic."""
-        return name in (self.name, self.person, self.name.partition("_")[2])
 
 
 def is_person(frame: str) -> bool:
@@ -274,7 +268,7 @@ def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
             near = suggest(options.bag_topic, {seen.topic for seen in people})
             raise SettingsError(f"bag_topic: no person on {options.bag_topic} in {path}; {near}")
     if options.person is not None:
-        named = [seen for seen in found if seen.answers_to(options.person)]
+        named = [s for s in found if options.person in (s.name, s.person, s.name.partition("_")[2])]
         if not named:
             near = suggest(options.person, {name for seen in found for name in (seen.name, seen.person)})
             raise SettingsError(f"person: no {options.person!r} in {path}; {near}")

@@ -98,7 +98,7 @@ def _up_axis(path: Path, wanted: str | None, to_head: FloatArray) -> FloatArray:
     Some files define the skeleton along another axis and rotate it upright in every frame.
     """
     if wanted is not None:
-        return np.eye(3)["xyz".index(wanted)]
+        return np.asarray(np.eye(3)["xyz".index(wanted)])
     largest = int(np.argmax(np.abs(to_head)))
     if abs(to_head[largest]) <= _MIN_UP_COSINE * np.linalg.norm(to_head):
         shown = ", ".join(f"{x:.3g}" for x in to_head)
@@ -362,12 +362,10 @@ def _mirrored(joints: list[Joint]) -> Pairs:
 def _middle_end(joints: list[Joint], pairs: Pairs) -> list[int]:
     """Head of a symmetric skeleton: the far end of its central chain; several if equally plausible."""
     of_sides = {index for pair in pairs for index in pair}
-    length, middle = np.zeros(len(joints)), [True] * len(joints)
-    for index, joint in enumerate(joints[1:], start=1):
-        length[index] = length[joint.parent] + np.linalg.norm(joint.offset)
-        middle[index] = middle[joint.parent] and index not in of_sides
-    parents = {joint.parent for joint, is_middle in zip(joints, middle, strict=True) if is_middle}
-    leaves = [k for k, is_middle in enumerate(middle) if is_middle and k not in parents]
+    ways = [to_root(joints, index) for index in range(len(joints))]
+    length = [sum(float(np.linalg.norm(joints[k].offset)) for k in way[:-1]) for way in ways]
+    middle = {way[0] for way in ways if not of_sides.intersection(way[:-1])}
+    leaves = sorted(middle - {joints[k].parent for k in middle})
     far = max(length[leaf] for leaf in leaves)
     if not pairs or far == 0.0:
         return []

@@ -53,14 +53,14 @@ def recording_of(
     note: str = "",
     notes: Sequence[str] = (),
 ) -> Recording:
-    """Check a track read from a file, and build the recording.
+    """Check length, time stamps, units, vertical axis and plausibility of a track, and build the recording.
 
     For a track measured by a tracker, the truth is this track with positions smoothed without lag.
 
     Args:
-        path: The file.
+        path: The file, or the name of the recording.
         times_s: Capture times, shape (N,), seconds.
-        track: Poses, z up, at these times.
+        track: Poses, z up, at these times; finite where the person was seen.
         kind: Kind of data.
         has_robot: Whether the frame's origin is the robot's sensor.
         place: Place of a frame in the file.
@@ -71,63 +71,35 @@ def recording_of(
         The recording, named after the file, with the labels of the index file beside it.
 
     Raises:
-        RecordingError: If a check fails.
+        RecordingError: Names the first check that fails.
     """
-    measured = bool(truth_of(kind))
-    check_motion(path, times_s, track, has_robot, place, note, MIN_SEEN_FRAMES if measured else MIN_FRAMES)
-    truth = track
+    measured, seen = bool(truth_of(kind)), track.valid
+    fewest = MIN_SEEN_FRAMES if measured else MIN_FRAMES
+    if seen.sum() < fewest:
+        raise RecordingError(path, "", f"only {seen.sum()} frame(s)", f"at least {fewest} frames")
+    check_times_increase(path, times_s, place)
+    _check_frame_interval(path, times_s, note)
+    head_m, pelvis_m = track.head_position_m, track.pelvis_position_m
+    both = seen & np.isfinite(pelvis_m).all(axis=1)
+    if both.any():
+        _check_body(path, head_m[both] - pelvis_m[both], note)
+    else:
+        _check_head_travel(path, times_s[seen], head_m[seen])
+    check_plausible(path, times_s[seen], head_m[seen], has_robot)
     if measured:
-        head_m, pelvis_m = (_smooth(path, times_s, m) for m in (track.head_position_m, track.pelvis_position_m))
-        truth = replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m)
-    path_m = truth.pelvis_position_m if np.isfinite(truth.pelvis_position_m).any() else truth.head_position_m
+        head_m, pelvis_m = _smooth(path, times_s, head_m), _smooth(path, times_s, pelvis_m)
+    path_m = pelvis_m if np.isfinite(pelvis_m).any() else head_m
     return Recording(
         name=path.stem,
         source=str(path),
         kind=kind,
         times_s=times_s,
-        truth=truth,
+        truth=replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m),
         measured=track if measured else None,
         has_robot=has_robot,
         labels=labels_for(path, times_s, path_m),
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def check_motion(
-    source: Path,
-    times_s: FloatArray,
-    track: Track,
-    has_robot: bool,
-    place: Place,
-    note: str = "",
-    fewest: int = MIN_FRAMES,
-) -> None:
-    """Check length, time stamps, units, vertical axis and plausibility of a track.
-
-    Args:
-        source: File, or name of the recording.
-        times_s: Shape (N,), seconds.
-        track: The track; finite where the person was seen.
-        has_robot: Whether the frame's origin is the robot's sensor.
-        place: Place of a frame in the file.
-        note: The format's units, and options that change the reading, for messages.
-        fewest: Fewest frames with the person in view.
-
-    Raises:
-        RecordingError: Names the first check that fails.
-    """
-    seen = track.valid
-    if seen.sum() < fewest:
-        raise RecordingError(source, "", f"only {seen.sum()} frame(s)", f"at least {fewest} frames")
-    check_times_increase(source, times_s, place)
-    _check_frame_interval(source, times_s, note)
-    head_m, pelvis_m = track.head_position_m, track.pelvis_position_m
-    both = seen & np.isfinite(pelvis_m).all(axis=1)
-    if both.any():
-        _check_body(source, head_m[both] - pelvis_m[both], note)
-    else:
-        _check_head_travel(source, times_s[seen], head_m[seen])
-    check_plausible(source, times_s[seen], head_m[seen], has_robot)
 
 
 def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place: Place) -> None:

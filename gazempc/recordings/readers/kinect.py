@@ -106,13 +106,12 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     level = Rotation.from_euler("y", -options.kinect_camera_pitch_deg, degrees=True)
     level *= Rotation.from_matrix(_LEVEL_FROM_CAMERA)
     head = options.kinect_head_joint.upper()
-    turns = {
-        name: level * Rotation.from_quat(quats[name], scalar_first=True) * _PERSON_IN_JOINT for name in (head, "PELVIS")
-    }
+    names = (head, "PELVIS")
+    turns = [level * Rotation.from_quat(quats[name], scalar_first=True) * _PERSON_IN_JOINT for name in names]
     face = positions_mm["NOSE"] - 0.5 * (positions_mm["EAR_LEFT"] + positions_mm["EAR_RIGHT"])
-    _check_head_axes(path, head, turns[head], level.apply(face))
-    head_m, pelvis_m = (1e-3 * level.apply(positions_mm[name]) for name in turns)
-    head_quat, pelvis_quat = (turn.as_quat(scalar_first=True) for turn in turns.values())
+    _check_head_axes(path, head, turns[0], level.apply(face))
+    head_m, pelvis_m = (1e-3 * level.apply(positions_mm[name]) for name in names)
+    head_quat, pelvis_quat = (turn.as_quat(scalar_first=True) for turn in turns)
     # Frames without the body take the last row, which is unknown.
     rows = np.full(seen[-1] + 1 - seen[0], -1)
     rows[seen - seen[0]] = np.arange(seen.size)

@@ -40,12 +40,10 @@ from gazempc.recordings.readers.tables.mapping import (
     saved_places,
 )
 from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
-from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
-from gazempc.recordings.readers.tables.text_table import read_text_table
+from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, read_text_table, wide
 from gazempc.recordings.readers.tables.values import read_parts, ros_frame
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
-from gazempc.types import BoolArray
 
 FOLDER = "recordings/readers/tables/mappings"
 # Minimum share of usable rows; more unusable rows indicate wrong columns.
@@ -108,7 +106,13 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     if mapping.person is not None:
         selected, identity, more = rows_of_person(table, table.one(mapping.person), known, person)
         notes += more
-    notes += _drop_note(table, known, selected)
+    count, lost = int(selected.sum()), selected & ~known
+    if lost.any():
+        first = table.place(int(np.argmax(lost)))
+        note = f"{lost.sum()} of {count} rows have no time or no head position (first {first})"
+        if count - lost.sum() < _LEAST_USABLE * count:
+            raise RecordingError(path, "", note, f"at least {_LEAST_USABLE:.0%} of the rows, or other columns")
+        notes.append(f"{note}: dropped")
     rows, frame = np.flatnonzero(known & selected), ros_frame(table, mapping)
     times_s, track = times_s[rows], track.rows(known & selected)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
@@ -250,15 +254,3 @@ def _lifted_from_hips(path: Path, track: Track) -> Track:
     lift_m = np.array([0.0, 0.0, HIPS_HEIGHT_M])
     head_m, pelvis_m = track.head_position_m + lift_m, track.pelvis_position_m + lift_m
     return replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m)
-
-
-def _drop_note(table: RawTable, known: BoolArray, selected: BoolArray) -> list[str]:
-    """Note on dropped rows; raises an error if there are too many."""
-    count, lost = int(selected.sum()), selected & ~known
-    if not lost.any():
-        return []
-    first = table.place(int(np.argmax(lost)))
-    note = f"{lost.sum()} of {count} rows have no time or no head position (first {first})"
-    if count - lost.sum() < _LEAST_USABLE * count:
-        raise RecordingError(table.path, "", note, f"at least {_LEAST_USABLE:.0%} of the rows, or other columns")
-    return [f"{note}: dropped"]

@@ -150,9 +150,8 @@ class YawError(_Table):
     @model_validator(mode="after")
     def _shares_are_of_one(self) -> YawError:
         if self.lost_share + self.flipped_share > 1:
-            raise ValueError(
-                f"lost_share ({self.lost_share}) and flipped_share ({self.flipped_share}) must be 1 or less together"
-            )
+            shares = f"lost_share ({self.lost_share}) and flipped_share ({self.flipped_share})"
+            raise ValueError(f"{shares} must be 1 or less together")
         return self
 
 
@@ -196,9 +195,8 @@ class FieldOfView(_Table):
             Shape (N,).
         """
         azimuth_deg, elevation_deg = np.degrees(pan_tilt_rad(positions_m)).T
-        return np.asarray(
-            (np.abs(azimuth_deg) <= self.horizontal_deg / 2) & (np.abs(elevation_deg) <= self.vertical_deg / 2)
-        )
+        across, along = np.abs(azimuth_deg) <= self.horizontal_deg / 2, np.abs(elevation_deg) <= self.vertical_deg / 2
+        return np.asarray(across & along)
 
 
 def _check_order(what: str, unit: str, low: float, high: float) -> None:
@@ -244,9 +242,8 @@ class SensorSpec(_Table):
         errors: dict[str, SightError] = {"along": self.along, "across": self.across}
         certain = [name for name, error in errors.items() if not (self.each_axis_sd_m or error.depends_on_sight)]
         if self.states_covariance and certain:
-            raise ValueError(
-                f"states_covariance needs an error {' and '.join(certain)} the line of sight: no sensor is certain"
-            )
+            missing = " and ".join(certain)
+            raise ValueError(f"states_covariance needs an error {missing} the line of sight: no sensor is certain")
         return self
 
     @property

@@ -14,8 +14,6 @@ from gazempc.recordings.readers.tables.raw_table import Layout
 from gazempc.specfiles import explain, parse_spec
 
 PERSON = "{person}"
-SAVED_ENDING = ".columns.toml"
-SAVED_FOR_ALL = "columns.toml"
 
 
 class ColumnMapping(BaseModel):
@@ -136,4 +134,4 @@ def read_mapping(path: Path) -> ColumnMapping:
 
 def saved_places(path: Path) -> tuple[Path, Path]:
     """Candidate files of a table's mapping: its own beside it, then one for all tables of the folder."""
-    return path.with_name(path.name + SAVED_ENDING), path.with_name(SAVED_FOR_ALL)
+    return path.with_name(f"{path.name}.columns.toml"), path.with_name("columns.toml")
