@@ -52,21 +52,6 @@ def check_file(path: Path, most_bytes: int | None = None, found: os.stat_result 
     return found.st_size
 
 
-def check_folder(path: Path) -> int:
-    """Reject a folder with other entries than regular files and folders, which could block a reader forever.
-
-    Args:
-        path: The folder.
-
-    Returns:
-        Total size of its files, bytes.
-
-    Raises:
-        OSError: Names the rejected entry and the reason.
-    """
-    return sum(check_file(part) for part in path.iterdir() if not part.is_dir())
-
-
 def read_limited(path: Path, most_bytes: int) -> bytes:
     """Read a regular file of bounded size.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gazempc.errors import RecordingError, suggest
-from gazempc.files.bounds import check_file, check_folder
+from gazempc.files.bounds import check_file
 from gazempc.recordings.readers.bag import read_bag, read_bag_people
 from gazempc.recordings.readers.bag_frames import FILE_ENDINGS
 from gazempc.recordings.readers.bvh import read_bvh
@@ -18,8 +18,7 @@ from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names, generate_everyday
 from gazempc.recordings.synthetic.walks import ROUTES, generate, synthetic_names
 
-Reader = Callable[[Path, ReadOptions], Recording]
-_READERS: dict[str, Reader] = {
+_READERS: dict[str, Callable[[Path, ReadOptions], Recording]] = {
     **dict.fromkeys(TABLES, read_table),
     ".json": read_kinect,
     ".bvh": read_bvh,
@@ -89,10 +88,10 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         problem = "this folder is neither a ROS 2 bag nor OpenPose output"
         raise RecordingError(name, "", problem if is_directory else f"unknown file type {path.suffix!r}", accepted)
     try:
-        if is_directory:
-            check_folder(path)
-        else:
-            check_file(path)
+        # Pipes and the like could block a reader forever.
+        for part in path.iterdir() if is_directory else (path,):
+            if not part.is_dir():
+                check_file(part)
         return reader(path, options or ReadOptions())
     except OSError as error:
         place = Path(error.filename).name if is_directory and error.filename else ""

@@ -108,7 +108,8 @@ class Crowd:
         self._whose = {id(sighting.observation): k for k, sighting in self.seen}
         self._owners: dict[int, int] = {}
         self._swaps_s: list[float] = []
-        self._attended: list[tuple[float, int]] = []
+        # A single person is attended at all times.
+        self._attended: list[tuple[float, int]] = [] if self._several is not None else [(-np.inf, 0), (np.inf, 0)]
 
     def note(self, now_s: float) -> None:
         """Record the attended person and identity swaps; called after each tick.
@@ -142,8 +143,7 @@ class Crowd:
         whom = self._attended_at(times_s)
         for k, head in enumerate(self.heads):
             mine = (whom == k) & head.known(times_s)
-            if mine.any():
-                found[mine] = head(times_s[mine])
+            found[mine] = head(times_s[mine])
         return found
 
     def completed(self, log: Log) -> Log:
@@ -165,8 +165,6 @@ class Crowd:
         )
 
     def _attended_at(self, times_s: FloatArray) -> IntArray:
-        if self._several is None:
-            return np.zeros(times_s.shape, dtype=np.intp)
         ticks_s, whom = (np.array(values) for values in zip(*self._attended, strict=True))
         at = np.clip(np.searchsorted(ticks_s, times_s + 1e-9) - 1, 0, ticks_s.size - 1)
         return np.where(times_s <= ticks_s[-1] + 1e-9, whom[at], _NONE).astype(np.intp)

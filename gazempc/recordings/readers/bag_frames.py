@@ -163,11 +163,8 @@ def _zstd_bytes(file: Path, most_bytes: int) -> int:
 
 
 def _is_wanted(topic: str, kind: str) -> bool:
-    if kind == _TF_TYPE:
-        return topic in (TF, TF_STATIC)
-    if kind == _IDS_TYPE:
-        return topic == FACES
-    return kind in POSE_TYPES or (kind == _TEXT_TYPE and person_of_topic(topic) is not None)
+    named = {_TF_TYPE: topic in (TF, TF_STATIC), _IDS_TYPE: topic == FACES, _TEXT_TYPE: bool(person_of_topic(topic))}
+    return kind in POSE_TYPES or named.get(kind, False)
 
 
 # Largest distance in time from a message of a frame for interpolation; beyond it the pose is unknown.

@@ -87,15 +87,14 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     """
     table = _raw(path)
     mapping, about = _mapping_of(table, options)
-    for key in ("t", "head"):
-        if getattr(mapping, key) is None:
-            raise RecordingError(path, "mapping", f"columns of {key} are missing", "at least t and head")
-    assert mapping.head is not None
+    given = mapping.texts()
+    if missing := [key for key in ("t", "head") if key not in given]:
+        raise RecordingError(path, "mapping", f"columns of {' and '.join(missing)} are missing", "at least t and head")
     notes, person, identity = [*table.notes, *about], options.person, ""
-    if PERSON in mapping.head:
-        names = people_in_header(table, mapping.head)
+    if PERSON in given["head"]:
+        names = people_in_header(table, given["head"])
         if not names:
-            raise table.missing(f"columns for {mapping.head}")
+            raise table.missing(f"columns for {given['head']}")
         identity, more = choose_from_header(table, names, person)
         notes += more
     elif person is not None and mapping.person is None:
@@ -222,20 +221,20 @@ def _shape_fits(table: RawTable, mapping: ShippedMapping) -> bool:
 def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
     """The mapping without missing optional parts; None if a required part is missing."""
     given, rows = mapping.texts(), table.first(_FEW_ROWS)
-    found: dict[str, str | None] = {}
+    found: dict[str, str] = {}
     for key in ("head", *(given.keys() & _COLUMN_KEYS)):
-        ways = ({"head": found.get("head"), key: text} for text in given[key].split("|"))
-        found[key] = next((way[key] for way in ways if _columns_exist(rows, way)), None)
-        if found[key] is None and key in {"head", "t", "person", *mapping.needs}:
+        ways = ({"head": found.get("head", text), key: text} for text in given[key].split("|"))
+        if way := next((way for way in ways if _columns_exist(rows, way)), None):
+            found |= way
+        elif key in {"head", "t", "person", *mapping.needs}:
             return None
-    return mapping.model_copy(update=found)
+    return mapping.model_copy(update=dict.fromkeys(_COLUMN_KEYS) | found)
 
 
-def _columns_exist(table: RawTable, values: dict[str, str | None]) -> bool:
+def _columns_exist(table: RawTable, values: dict[str, str]) -> bool:
     """Whether the columns of a mapping are in the header; invalid cells raise an error when they are read."""
     mapping = ColumnMapping.model_validate({"t": _EVERY_ROW} | values)
-    assert mapping.head is not None
-    names = people_in_header(table, mapping.head) if PERSON in mapping.head else [""]
+    names = people_in_header(table, values["head"]) if PERSON in values["head"] else [""]
     try:
         # All people have the same columns.
         read_parts(table, mapping.of_person(names[0] if names else ""))

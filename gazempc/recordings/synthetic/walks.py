@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
 from gazempc.recordings.recording import Labels, Recording, Track, turned
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray
 
 REFERENCE_SPEED_M_S = 1.05
 """Speed at which the gait amplitudes of `WalkerTraits` hold; the mean walking speed of short bouts."""
@@ -474,28 +474,18 @@ def quat_wxyz(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) 
 def measured_track(rng: np.random.Generator, truth: Track) -> Track:
     """Measurements of a person by a body tracker in the origin of the frame: noise, bias and missing frames."""
     bias_m = rng.uniform(-_DEPTH_BIAS_M, _DEPTH_BIAS_M)
-    valid = rng.uniform(size=len(truth.head_position_m)) >= _MISSING_SHARE
-    return Track(
-        head_position_m=_seen_position_m(rng, truth.head_position_m, bias_m, valid),
-        head_quat_wxyz=_seen_quat_wxyz(rng, truth.head_quat_wxyz, valid),
-        pelvis_position_m=_seen_position_m(rng, truth.pelvis_position_m, bias_m, valid),
-        pelvis_quat_wxyz=_seen_quat_wxyz(rng, truth.pelvis_quat_wxyz, valid),
-    )
-
-
-def _seen_position_m(rng: np.random.Generator, position_m: FloatArray, bias_m: float, valid: BoolArray) -> FloatArray:
-    """Add noise and bias along the ray from the sensor and less noise across it; shape (N, 3)."""
-    distance_m = np.linalg.norm(position_m, axis=1, keepdims=True)
-    ray = position_m / distance_m
-    depth_sd_m = _DEPTH_NOISE_M * np.minimum(distance_m / _DEPTH_NOISE_DISTANCE_M, 1.0)
-    across = rng.normal(size=position_m.shape)
-    across -= (across * ray).sum(axis=1, keepdims=True) * ray
-    along = rng.normal(size=distance_m.shape)
-    seen_m = position_m + (bias_m + depth_sd_m * along) * ray + _LATERAL_NOISE_RATIO * depth_sd_m * across
-    return np.where(valid[:, None], seen_m, np.nan)
-
-
-def _seen_quat_wxyz(rng: np.random.Generator, quat_wxyz: FloatArray, valid: BoolArray) -> FloatArray:
-    """Turn orientations, shape (N, 4), about the vertical by the noise of the yaw."""
-    noise_rad = _YAW_NOISE_RAD * rng.normal(size=len(quat_wxyz))
-    return np.where(valid[:, None], turned(quat_wxyz, noise_rad), np.nan)
+    seen = rng.uniform(size=(len(truth.head_position_m), 1)) >= _MISSING_SHARE
+    head, pelvis = (truth.head_position_m, truth.head_quat_wxyz), (truth.pelvis_position_m, truth.pelvis_quat_wxyz)
+    parts: list[FloatArray] = []
+    for position_m, quat_wxyz in (head, pelvis):
+        # Noise and bias along the ray from the sensor, and less noise across it.
+        distance_m = np.linalg.norm(position_m, axis=1, keepdims=True)
+        ray = position_m / distance_m
+        depth_sd_m = _DEPTH_NOISE_M * np.minimum(distance_m / _DEPTH_NOISE_DISTANCE_M, 1.0)
+        across = rng.normal(size=position_m.shape)
+        across -= (across * ray).sum(axis=1, keepdims=True) * ray
+        along = rng.normal(size=distance_m.shape)
+        noisy_m = position_m + (bias_m + depth_sd_m * along) * ray + _LATERAL_NOISE_RATIO * depth_sd_m * across
+        noisy_wxyz = turned(quat_wxyz, _YAW_NOISE_RAD * rng.normal(size=len(quat_wxyz)))
+        parts += [np.where(seen, noisy_m, np.nan), np.where(seen, noisy_wxyz, np.nan)]
+    return Track(*parts)

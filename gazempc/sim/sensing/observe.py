@@ -10,7 +10,7 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.recordings.recording import Recording, Track, turned
-from gazempc.sim.sensing.spec import AcrossError, AlongError, Bouts, Jumps, OtherPerson, SensorSpec, YawError
+from gazempc.sim.sensing.spec import AcrossError, AlongError, Bouts, Jumps, SensorSpec, YawError
 from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
 from predictors import HeadObservation
 
@@ -48,8 +48,10 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
     missed = rng.random(times_s.size) < sensor.dropout_probability
 
     # Errors and visibility apply to the person who is shown.
-    shows_the_other = _shows_other(times_s, sensor.other_person)
-    to_other_m = sensor.other_person.aside_m * sight_axes(track.head_position_m)[:, 1]
+    other = sensor.other_person
+    # At the end of each period, counted from the first frame; with a tolerance for frames at its boundary.
+    shows_the_other = (times_s - times_s[0] + 1e-6) % other.every_s >= other.every_s - other.shown_s
+    to_other_m = other.aside_m * sight_axes(track.head_position_m)[:, 1]
     shown_m = track.head_position_m + np.where(shows_the_other[:, None], to_other_m, 0.0)
     wander_m = sensor.position_wander_m * wander(times_s, sensor.position_wander_time_s, 3, streams["wander"])
     on_sight_m = sight_error(times_s, shown_m, sensor.along, sensor.across, streams["sight"])
@@ -76,7 +78,7 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
         stated_covariances(sensor, positions_m[seen]) if sensor.states_covariance else [None] * seen.size,
         _stated_yaws(sensor, sensor.head_yaw, head_known[seen]),
         _stated_yaws(sensor, sensor.pelvis_yaw, pelvis_known[seen]),
-        [_NAMES[shows] if sensor.other_person.ids else None for shows in shows_the_other[seen].tolist()],
+        [_NAMES[shows] if other.ids else None for shows in shows_the_other[seen].tolist()],
         strict=True,
     )
     latency_s = sensor.latency_s + timing.latency_jitter_s * streams["latency"].random(times_s.size)
@@ -96,13 +98,6 @@ def _track_of(placed: Recording, sensor: SensorSpec) -> Track:
             f"no such track; accepted: a sensor with measures = \"truth\", such as 'reference' or 'perfect'"
         )
     return placed.measured
-
-
-def _shows_other(times_s: FloatArray, other: OtherPerson) -> BoolArray:
-    """Mask of the frames that show the other person: at the end of each period, counted from the first frame."""
-    # Tolerance for frames at the boundary of a period.
-    in_period_s = (times_s - times_s[0] + 1e-6) % other.every_s
-    return np.asarray(in_period_s >= other.every_s - other.shown_s)
 
 
 def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> BoolArray:

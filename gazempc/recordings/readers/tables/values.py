@@ -252,9 +252,8 @@ def read_parts(table: RawTable, mapping: ColumnMapping) -> tuple[FloatArray, Tra
         RecordingError: If a column is missing, or a cell is invalid.
         SettingsError: If axes or orders are invalid.
     """
-    assert mapping.t is not None
-    assert mapping.head is not None
-    head_m = in_metres(table, mapping.head, "head")
+    given = mapping.texts()
+    head_m = in_metres(table, given["head"], "head")
     axes = mapping.axes or "z-up"
     frame_id = ros_frame(table, mapping)
     if mapping.axes is None and frame_id is not None:
@@ -265,7 +264,7 @@ def read_parts(table: RawTable, mapping: ColumnMapping) -> tuple[FloatArray, Tra
     # A position with a missing coordinate is unknown.
     pelvis_m = np.where(np.isfinite(pelvis_m).all(axis=1, keepdims=True), pelvis_m, np.nan)
     head_quat, pelvis_quat = (orientations(table, mapping, part, axes) for part in ("head", "pelvis"))
-    return seconds(table, mapping.t), Track(head_m @ frame.T, head_quat, pelvis_m, pelvis_quat)
+    return seconds(table, given["t"]), Track(head_m @ frame.T, head_quat, pelvis_m, pelvis_quat)
 
 
 def ros_frame(table: RawTable, mapping: ColumnMapping) -> str | None:
@@ -305,7 +304,11 @@ def orientations(table: RawTable, mapping: ColumnMapping, part: str, axes: str) 
         quats = _quaternions(table, text, f"{part}_q")
         return quats_of(quats, lambda known: in_our_axes(Rotation.from_quat(known, scalar_first=True)))
     if text := given.get(f"{part}_euler"):
-        values, order = _angles_rad(table, text, f"{part}_euler")
+        body, words = split_options(text, (*ANGLES_RAD, _ROTATION_VECTOR, *_SEQUENCES))
+        values, unit = vector(table, body, EULER, f"{part}_euler")
+        units = [word for word in words if word in ANGLES_RAD]
+        order = next((word for word in words if word not in ANGLES_RAD), "xyz")
+        values = values * _radians(table, units, unit, f"{part}_euler")
         if order == _ROTATION_VECTOR:
             return quats_of(values, lambda known: in_our_axes(Rotation.from_rotvec(known)))
         return quats_of(values, lambda known: in_our_axes(Rotation.from_euler(order, known)))
@@ -341,15 +344,6 @@ def _quaternions(table: RawTable, text: str, what: str) -> FloatArray:
     values = np.where((values == 0.0).all(axis=1, keepdims=True), np.nan, values)
     check_unit_quaternions(table.path, values, f"{what}{{w,x,y,z}}", table.place)
     return values
-
-
-def _angles_rad(table: RawTable, text: str, what: str) -> tuple[FloatArray, str]:
-    """Three angles a row, shape (N, 3), radians, and their order."""
-    body, words = split_options(text, (*ANGLES_RAD, _ROTATION_VECTOR, *_SEQUENCES))
-    values, unit = vector(table, body, EULER, what)
-    units = [word for word in words if word in ANGLES_RAD]
-    order = next((word for word in words if word not in ANGLES_RAD), "xyz")
-    return values * _radians(table, units, unit, what), order
 
 
 def _radians(table: RawTable, words: list[str], of_column: str | None, what: str) -> float:
