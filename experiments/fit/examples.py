@@ -15,7 +15,7 @@ from experiments.fit.trackers import beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
-from gazempc.sim.sensing.tables import YawError
+from gazempc.sim.sensing.spec import YawError
 from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors import HeadObservation
 from predictors.walker.features import N_INPUTS

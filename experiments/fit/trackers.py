@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from experiments.fit.variants import GaplessWalk
 from gazempc.recordings.recording import Labels, Recording, Track
-from gazempc.sim.sensing.processes import wander
+from gazempc.sim.sensing.observe import wander
 from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.types import FloatArray
 from predictors import HeadObservation

@@ -35,7 +35,7 @@ from gazempc.results.run_summary import without_nan
 from gazempc.settings import DEFAULT_PREDICTOR, LoopSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
-from gazempc.sim.sensing.tables import FieldOfView
+from gazempc.sim.sensing.spec import FieldOfView
 
 VIEW_DEG = (60.0, 34.0)
 OURS, POINT = "gazempc", "gazempc, point"

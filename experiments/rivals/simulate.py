@@ -23,7 +23,7 @@ from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.recordings.truth import TrueHead
 from gazempc.results.log import Log, RunInfo
 from gazempc.sim.scene import Scene
-from gazempc.sim.sensing.tables import FieldOfView
+from gazempc.sim.sensing.spec import FieldOfView
 from gazempc.sim.sensor import SensorSpec, observe
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, JointState, Sighting

@@ -29,12 +29,13 @@ def is_there(path: Path) -> bool:
         return False
 
 
-def check_file(path: Path, most_bytes: int | None = None) -> int:
+def check_file(path: Path, most_bytes: int | None = None, found: os.stat_result | None = None) -> int:
     """Check type and size of a file before reading: reading a pipe would not terminate.
 
     Args:
         path: The file.
         most_bytes: Maximum size; None for any.
+        found: Facts about the file if it is open; default: by its path.
 
     Returns:
         Its size, bytes.
@@ -42,22 +43,13 @@ def check_file(path: Path, most_bytes: int | None = None) -> int:
     Raises:
         OSError: If there is no such file, or it is rejected; `strerror` has the reason.
     """
-    return _checked(path, path.stat(), most_bytes)
-
-
-def check_folder(path: Path) -> int:
-    """Reject a folder with other entries than regular files and folders, which could block a reader forever.
-
-    Args:
-        path: The folder.
-
-    Returns:
-        Total size of its files, bytes.
-
-    Raises:
-        OSError: Names the rejected entry and the reason.
-    """
-    return sum(check_file(part) for part in path.iterdir() if not part.is_dir())
+    found = found or path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe, a socket or a device"
+        raise OSError(errno.EINVAL, f"this is {kind}, not a regular file", str(path))
+    if most_bytes is not None and found.st_size > most_bytes:
+        raise _too_large(path, most_bytes, f"it has {_size(found.st_size)}; ")
+    return found.st_size
 
 
 def read_limited(path: Path, most_bytes: int) -> bytes:
@@ -76,7 +68,7 @@ def read_limited(path: Path, most_bytes: int) -> bytes:
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(opened, "rb") as file:
-        _checked(path, os.fstat(file.fileno()), most_bytes)
+        check_file(path, most_bytes, os.fstat(file.fileno()))
         data = file.read(most_bytes + 1)
     if len(data) > most_bytes:  # such as files of the system, whose stated size is 0
         raise _too_large(path, most_bytes)
@@ -126,17 +118,7 @@ def check_values(data: bytes) -> None:
         raise OSError(errno.EFBIG, f"it has {count} values; at most {MOST_VALUES} are accepted")
 
 
-def _checked(path: Path, found: os.stat_result, most_bytes: int | None) -> int:
-    if not stat.S_ISREG(found.st_mode):
-        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe, a socket or a device"
-        raise OSError(errno.EINVAL, f"this is {kind}, not a regular file", str(path))
-    if most_bytes is not None and found.st_size > most_bytes:
-        raise _too_large(path, most_bytes, found.st_size)
-    return found.st_size
-
-
-def _too_large(path: Path, most_bytes: int, size_bytes: int | None = None) -> OSError:
-    has = "" if size_bytes is None else f"it has {_size(size_bytes)}; "
+def _too_large(path: Path, most_bytes: int, has: str = "") -> OSError:
     return OSError(errno.EFBIG, f"the file is too large: {has}at most {_size(most_bytes)} are accepted", str(path))
 
 

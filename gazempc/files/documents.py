@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -134,14 +134,10 @@ def _lines(values: Mapping[str, object], within: str) -> list[str]:
 
 
 def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        # JSON's escapes are valid TOML; JSON leaves only DEL unescaped.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
-    return repr(value)
+    # JSON's Booleans, integers and escapes are valid TOML; it leaves only DEL unescaped.
+    return repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 @contextmanager
@@ -169,10 +165,8 @@ def _checked(value: _Value, depth: int = 0) -> _Value:
     """
     if depth > _DEEPEST:
         raise ValueError(_TOO_DEEP)
-    parts: Iterable[Any] = value if isinstance(value, list | tuple | set) else ()
-    if isinstance(value, dict):
-        parts = (*value, *value.values())
-    for part in parts:
+    keys = value if isinstance(value, dict | list | tuple | set) else ()
+    for part in (*keys, *(value.values() if isinstance(value, dict) else ())):
         _checked(part, depth + 1)
     if isinstance(value, int) and abs(value) > 2**63:
         raise ValueError(f"{shown(value)} is too large an integer; accepted: 64 bits")

@@ -38,7 +38,7 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_members(archive, len(data))
             names = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-            return {name: _array(archive, member) for name, member in names.items()}
+            return {name: npy.read_array(archive.open(member), allow_pickle=False) for name, member in names.items()}
     except (OSError, ValueError):
         raise
     except Exception as error:  # a damaged archive makes the libraries raise errors of many unrelated classes
@@ -67,33 +67,21 @@ def check_npz(path: Path, most_bytes: int) -> None:
 
 
 def _check_members(archive: zipfile.ZipFile, size_bytes: int) -> None:
+    """Reject too many arrays, and an array that disagrees with its header, before unpacking; names the array."""
     members = archive.infolist()
     if len(members) > _MOST_ARRAYS:
         raise ValueError(f"{len(members)} arrays; at most {_MOST_ARRAYS} are accepted")
     check_unpacked(sum(member.file_size for member in members), size_bytes)
     for member in members:
-        _check(archive, member)
-
-
-def _check(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
-    """Reject an array that disagrees with its header, before unpacking.
-
-    Raises:
-        ValueError: Names the array.
-    """
-    if member.flag_bits & 1:
-        raise ValueError(f"{shown(member.filename, 80)} is encrypted")
-    with archive.open(member) as file:
-        version = npy.read_magic(file)
-        read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, _, kind = read_header(file)
-        header_bytes = file.tell()
-    if kind.kind not in _KINDS or kind.hasobject:
-        raise ValueError(f"{shown(member.filename, 80)} is of type {kind!s:.80}; accepted: numbers and text")
-    if header_bytes + math.prod(shape) * kind.itemsize != member.file_size:
-        raise ValueError(f"{shown(member.filename, 80)} has {member.file_size} bytes, which disagrees with its shape")
-
-
-def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Any:
-    with archive.open(member) as file:
-        return npy.read_array(file, allow_pickle=False)
+        name = shown(member.filename, 80)
+        if member.flag_bits & 1:
+            raise ValueError(f"{name} is encrypted")
+        with archive.open(member) as file:
+            version = npy.read_magic(file)
+            read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+            shape, _, kind = read_header(file)
+            header_bytes = file.tell()
+        if kind.kind not in _KINDS or kind.hasobject:
+            raise ValueError(f"{name} is of type {kind!s:.80}; accepted: numbers and text")
+        if header_bytes + math.prod(shape) * kind.itemsize != member.file_size:
+            raise ValueError(f"{name} has {member.file_size} bytes, which disagrees with its shape")

@@ -21,29 +21,26 @@ def read_text(path: Path, format_name: str) -> str:
     Raises:
         RecordingError: If it cannot be opened, is empty, is not UTF-8 or contains zero bytes.
     """
-    return decode(path, read_bytes(path, format_name), format_name)
+    return decode(path, read_bytes(path), format_name)
 
 
-def read_bytes(path: Path, format_name: str) -> bytes:
+def read_bytes(path: Path) -> bytes:
     """Read a text file of bounded size.
 
     Args:
         path: File to read.
-        format_name: Expected format, for the message.
 
     Returns:
         Its bytes.
 
     Raises:
-        RecordingError: If it cannot be opened, is empty, or has too many bytes or values.
+        RecordingError: If it cannot be opened, or has too many bytes or values.
     """
     try:
         data = read_limited(path, MOST_TEXT_BYTES)
         check_values(data)
     except OSError as error:
         raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", "a readable file") from None
-    if not data.strip():
-        raise RecordingError(path, "", "the file is empty", f"{format_name} as UTF-8 text")
     return data
 
 
@@ -65,10 +62,8 @@ def decode(path: Path, data: bytes, format_name: str) -> str:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise RecordingError(
-            path, f"line {line}", f"byte {data[error.start]:#04x} is not UTF-8 text", expected
-        ) from None
+        line, problem = data.count(b"\n", 0, error.start) + 1, f"byte {data[error.start]:#04x} is not UTF-8 text"
+        raise RecordingError(path, f"line {line}", problem, expected) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise RecordingError(path, f"line {line}", "a zero byte, as in binary files", expected)

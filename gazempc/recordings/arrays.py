@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gazempc.errors import RecordingError
-from gazempc.recordings.readers.checks import check_finite, check_motion, check_unit_quaternions
+from gazempc.recordings.readers.checks import check_finite, check_unit_quaternions, recording_of
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.types import FloatArray
 
@@ -54,17 +55,8 @@ def recording_from_arrays(
         pelvis_position_m=pelvis_m,
         pelvis_quat_wxyz=_quats(name, "pelvis_quat_wxyz", pelvis_quat_wxyz, times.size),
     )
-    check_motion(Path(name), times, track, in_base_frame, "row {}".format)
-    return Recording(
-        name=name,
-        source="arrays",
-        kind="motion capture",
-        times_s=times,
-        truth=track,
-        measured=None,
-        has_robot=in_base_frame,
-        labels=Labels(subject=name.partition("_")[0]),
-    )
+    found = recording_of(Path(name), times, track, "motion capture", in_base_frame, "row {}".format)
+    return replace(found, name=name, source="arrays", labels=Labels(subject=name.partition("_")[0]))
 
 
 def _array(name: str, field: str, value: ArrayLike, shape: tuple[int | str, ...]) -> FloatArray:

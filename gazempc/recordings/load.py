@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gazempc.errors import RecordingError, suggest
-from gazempc.files.bounds import check_file, check_folder
+from gazempc.files.bounds import check_file
 from gazempc.recordings.readers.bag import read_bag, read_bag_people
-from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
+from gazempc.recordings.readers.bag_frames import FILE_ENDINGS
 from gazempc.recordings.readers.bvh import read_bvh
 from gazempc.recordings.readers.kinect import is_kinect, read_kinect
 from gazempc.recordings.readers.options import ReadOptions
@@ -16,11 +16,9 @@ from gazempc.recordings.readers.table import TABLES, read_table
 from gazempc.recordings.readers.tables.other_files import is_openpose_folder
 from gazempc.recordings.recording import Recording
 from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names, generate_everyday
-from gazempc.recordings.synthetic.routes import ROUTES
-from gazempc.recordings.synthetic.walks import generate, synthetic_names
+from gazempc.recordings.synthetic.walks import ROUTES, generate, synthetic_names
 
-Reader = Callable[[Path, ReadOptions], Recording]
-_READERS: dict[str, Reader] = {
+_READERS: dict[str, Callable[[Path, ReadOptions], Recording]] = {
     **dict.fromkeys(TABLES, read_table),
     ".json": read_kinect,
     ".bvh": read_bvh,
@@ -90,10 +88,10 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         problem = "this folder is neither a ROS 2 bag nor OpenPose output"
         raise RecordingError(name, "", problem if is_directory else f"unknown file type {path.suffix!r}", accepted)
     try:
-        if is_directory:
-            check_folder(path)
-        else:
-            check_file(path)
+        # Pipes and the like could block a reader forever.
+        for part in path.iterdir() if is_directory else (path,):
+            if not part.is_dir():
+                check_file(part)
         return reader(path, options or ReadOptions())
     except OSError as error:
         place = Path(error.filename).name if is_directory and error.filename else ""
@@ -131,11 +129,7 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
         return tuple(load(file, given) for file in files)
     if path.exists() and given.person is None and (path.is_dir() or path.suffix in FILE_ENDINGS):
         return read_bag_people(path, given)
-    if path.exists():
-        return (load(path, given),)
     parts = str(words).split(MARK)
-    if len(parts) == 1:
-        return (load(parts[0], given),)
-    # A part that is not a path is one recording's name.
-    every = (load_together(part, given) if Path(part).exists() else (load(part, given),) for part in parts)
-    return tuple(recording for found in every for recording in found)
+    if path.exists() or len(parts) == 1:
+        return (load(words, given),)
+    return tuple(recording for part in parts for recording in load_together(part, given))

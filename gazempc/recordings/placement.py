@@ -61,9 +61,8 @@ def place_together(
         PlacementError: As in `place`.
     """
     start_s = min(float(recording.times_s[0]) for recording in recordings)
-    base_m, yaw_rad = (np.zeros(3), 0.0)
-    if placement == "side":
-        base_m, yaw_rad = _beside(recordings[0].truth, distance_m, height_m)
+    beside = placement == "side"
+    base_m, yaw_rad = _beside(recordings[0].truth, distance_m, height_m) if beside else (np.zeros(3), 0.0)
     every = []
     for recording in recordings:
         placed = replace(
@@ -73,22 +72,14 @@ def place_together(
             measured=None if recording.measured is None else _to_base(recording.measured, base_m, yaw_rad),
             has_robot=True,
         )
-        if placement == "side" or not recording.has_robot:
-            _check_distance(placed, placement, distance_m)
+        nearest_m = float(np.nanmin(np.hypot(*placed.truth.head_position_m.T[:2])))
+        if nearest_m < _NEAREST_M and (beside or not recording.has_robot):
+            where = f"{distance_m} m beside the walk" if beside else "at the origin of the recording"
+            cure = "a larger distance_m" if beside else "placement side"
+            problem = f"the head comes within {nearest_m:.2f} m of a robot that stands {where}"
+            raise PlacementError(f"{recording.name}: {problem}; at least {_NEAREST_M} m are needed: use {cure}")
         every.append(placed)
     return tuple(every)
-
-
-def _check_distance(placed: Recording, placement: Placement, distance_m: float) -> None:
-    heads = placed.truth.head_position_m[placed.truth.valid]
-    nearest_m = float(np.min(np.hypot(heads[:, 0], heads[:, 1])))
-    if nearest_m < _NEAREST_M:
-        raise PlacementError(
-            f"{placed.name}: the head comes within {nearest_m:.2f} m of a robot that stands "
-            + (f"{distance_m} m beside the walk" if placement == "side" else "at the origin of the recording")
-            + f"; at least {_NEAREST_M} m are needed: use "
-            + ("a larger distance_m" if placement == "side" else "placement side")
-        )
 
 
 def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArray, float]:
@@ -96,11 +87,8 @@ def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArra
     away = heads[:, :2] - heads[0, :2]
     reach_m = np.linalg.norm(away, axis=1)
     far = int(np.argmax(reach_m))
-    if reach_m[far] < _STANDING_M:
-        to_robot = _facing(track)
-    else:
-        d = away[far] / reach_m[far]
-        to_robot = np.array([-d[1], d[0]])  # z x d
+    d = away[far] / max(reach_m[far], _STANDING_M)
+    to_robot = _facing(track) if reach_m[far] < _STANDING_M else np.array([-d[1], d[0]])  # z x d
     centre = np.mean(heads, axis=0)
     base_m = np.array([*(centre[:2] + distance_m * to_robot), height_m])
     return base_m, float(np.arctan2(-to_robot[1], -to_robot[0]))
@@ -108,24 +96,18 @@ def _beside(track: Track, distance_m: float, height_m: float) -> tuple[FloatArra
 
 def _facing(track: Track) -> FloatArray:
     """Horizontal direction of the first face; +x if it is unknown or vertical."""
-    known = np.isfinite(track.head_quat_wxyz).all(axis=1)
-    if known.any():
-        forward = Rotation.from_quat(track.head_quat_wxyz[known][0], scalar_first=True).apply([1.0, 0.0, 0.0])[:2]
-        length = float(np.linalg.norm(forward))
-        if length > 1e-3:
-            return np.asarray(forward / length, dtype=np.float64)
-    return np.array([1.0, 0.0])
+    known = track.head_quat_wxyz[np.isfinite(track.head_quat_wxyz).all(axis=1)]
+    first = Rotation.from_quat(known[0], scalar_first=True) if len(known) else Rotation.identity()
+    forward = first.apply([1.0, 0.0, 0.0])[:2]
+    length = float(np.linalg.norm(forward))
+    return np.asarray(forward / length if length > 1e-3 else [1.0, 0.0])
 
 
 def _to_base(track: Track, base_m: FloatArray, yaw_rad: float) -> Track:
-    turn = Rotation.from_euler("z", -yaw_rad)
-
-    def positions(values: FloatArray) -> FloatArray:
-        return np.asarray((values - base_m) @ turn.as_matrix().T, dtype=np.float64)
-
+    to_base = Rotation.from_euler("z", -yaw_rad).as_matrix().T
     return Track(
-        head_position_m=positions(track.head_position_m),
+        head_position_m=(track.head_position_m - base_m) @ to_base,
         head_quat_wxyz=turned(track.head_quat_wxyz, -yaw_rad),
-        pelvis_position_m=positions(track.pelvis_position_m),
+        pelvis_position_m=(track.pelvis_position_m - base_m) @ to_base,
         pelvis_quat_wxyz=turned(track.pelvis_quat_wxyz, -yaw_rad),
     )

@@ -31,10 +31,9 @@ class TrueHead:
 
     def __init__(self, recording: Recording) -> None:
         valid = recording.truth.valid
-        times = recording.times_s[valid]
-        self._times_s: FloatArray = times
-        self._spline = CubicSpline(times, recording.truth.head_position_m[valid], axis=0)
-        self._first_s, self._last_s = float(times[0]), float(times[-1])
+        self._times_s: FloatArray = recording.times_s[valid]
+        self._spline = CubicSpline(self._times_s, recording.truth.head_position_m[valid], axis=0)
+        self._first_s, self._last_s = map(float, self._times_s[[0, -1]])
 
     def known(self, times_s: ArrayLike) -> BoolArray:
         """Mask of times with a known position: within the recording, and outside of gaps of more than 0.2 s.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -80,8 +80,9 @@ def replay_repeatedly(
                 break
             progress.begin(f"replaying {scene.walk.name}, noise seed {seed}")
             replayed: dict[str, Replayed] = {} if done else first
-            kept: dict[str, list[PlanMoment]] = {} if done else plans
-            _replay_each(replace(scene, seed=seed), settings, controllers, progress, replayed, kept)
+            for name, found, planned in _replay_each(replace(scene, seed=seed), settings, controllers, progress):
+                replayed[name] = found
+                plans.setdefault(name, planned)
             if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
                 survived[seed] = of_seed
             rounds.append(_rows(replayed, scene.neck.control_period_s))
@@ -96,15 +97,10 @@ def replay_repeatedly(
 
 
 def _replay_each(
-    scene: Scene,
-    settings: ReplaySettings,
-    controllers: Sequence[str],
-    progress: Progress,
-    replayed: dict[str, Replayed],
-    plans: dict[str, list[PlanMoment]],
-) -> None:
-    """Replay for each controller, and store each replay and its plans as soon as it is complete."""
-    chosen = list(dict.fromkeys(controllers))
+    scene: Scene, settings: ReplaySettings, controllers: Sequence[str], progress: Progress
+) -> Iterator[tuple[str, Replayed, list[PlanMoment]]]:
+    """Replays and their plans by a unique name of each controller, each as soon as it is complete."""
+    chosen, names = list(dict.fromkeys(controllers)), list[str]()
     for k, controller in enumerate(chosen):
         planned: list[PlanMoment] = []
 
@@ -118,9 +114,9 @@ def _replay_each(
         found = replay_scene(scene, controller, settings.predictor, settings, of_all, keep)
         # The controller's name, with a number appended to a duplicate.
         plain = "".join(c if c.isalnum() or c in "-_.+" else "_" for c in found.log.run.controller)
-        same = sum(other == plain or other.startswith(f"{plain}_") for other in replayed)
-        name = f"{plain}_{same + 1}" if same else plain
-        replayed[name], plans[name] = found, planned
+        same = sum(other == plain or other.startswith(f"{plain}_") for other in names)
+        names.append(f"{plain}_{same + 1}" if same else plain)
+        yield names[-1], found, planned
 
 
 def _rows(replayed: dict[str, Replayed], control_period_s: float) -> list[Row]:

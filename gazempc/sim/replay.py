@@ -31,8 +31,7 @@ from gazempc.results.log import ComputeTimes, Log, RunInfo
 from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.moments import Moment
 from gazempc.settings import DEFAULT_PREDICTOR, GazeSettings, PredictorChoice
-from gazempc.sim.crowd import PerfectOfCrowd
-from gazempc.sim.crowd_replay import Crowd
+from gazempc.sim.crowd import Crowd, PerfectOfCrowd
 from gazempc.sim.scene import Scene, SceneSettings
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import JointState, Sighting
@@ -112,9 +111,8 @@ def replay_scene(
     robot_neck = neck if scene.robot_neck is None else narrowed(scene.robot_neck, *limits)
     end_s = float(walk.times_s[-1])
     if end_s < MIN_DURATION_S:
-        raise LeftOutError(
-            f"{walk.name}: {end_s:.2f} s is too short to be scored: at least {MIN_DURATION_S} s are needed"
-        )
+        least = f"at least {MIN_DURATION_S} s are needed"
+        raise LeftOutError(f"{walk.name}: {end_s:.2f} s is too short to be scored: {least}")
     true_head = TrueHead(walk)
     controller, own_predictor = gaze_of(controller) if isinstance(controller, str) else (controller, "")
     predictor = own_predictor or predictor

@@ -17,7 +17,7 @@ from gazempc.recordings.placement import Placement, place_together
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
 from gazempc.settings import Settings
-from gazempc.sim.sensing.tables import FieldOfView
+from gazempc.sim.sensing.spec import FieldOfView
 from gazempc.sim.sensor import SensorSpec, default_sensor, load_sensor
 from gazempc.types import FloatArray
 

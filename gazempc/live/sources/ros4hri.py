@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.ros2 import Ros2Source, used
 from gazempc.people.company import Cue
+from gazempc.recordings.readers.bag import is_person
 from gazempc.recordings.readers.bag_frames import Poses, forward
-from gazempc.recordings.readers.bag_people import is_person
 from gazempc.robots.options import Ros2Options
 from gazempc.ros2.messages import FrameError, on_loop_clock
 from gazempc.ros2.node import MakeNode, Ros2Node, Subscription

@@ -1,25 +1,187 @@
-"""Recordings of people from a ROS 2 bag."""
+"""Recordings of people from a ROS 2 bag: candidate frames and topics for a head, most likely first, and their tracks.
+
+Names and axes of people's frames follow ROS4HRI (REP 155): ``face_<id>`` between the eyes and ``head_<id>``, both
+with x out of the face and z up; ``person_<id>`` at the face or the head; ``body_<id>`` between the hips.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, suggest
-from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, Axes, FrameTree, Poses, forward, person_axes
-from gazempc.recordings.readers.bag_messages import FACES, TF, read_messages
-from gazempc.recordings.readers.bag_people import PREFIXES, Sighted, is_person, people_in
+from gazempc.recordings.readers.bag_frames import (
+    FACES,
+    FIXED_FRAMES,
+    POSE_TYPES,
+    TF,
+    Axes,
+    BagMessage,
+    FrameTree,
+    Poses,
+    forward,
+    person_axes,
+    person_of_topic,
+    poses_of,
+    read_messages,
+    stamp_ns,
+    usable,
+)
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording, Track, composed
 from gazempc.types import FloatArray
 
-_EXPECTED = (
-    f"frames named {', '.join(f'{prefix}<id>' for prefix in PREFIXES)} in {TF}, as in ROS4HRI, or a topic of poses or "
-    "points"
-)
+# In the order of preference: a face is measured, a person is derived from faces and bodies.
+PREFIXES = ("face_", "head_", "person_", "body_")
+# Robots' frames have such names, too: head_1_link, head_tilt, body_base, face_camera.
+_PERSON = re.compile(r"(?:(?:face|person)_\w+|(?:head|body)_[A-Za-z0-9]+)")
+_ROBOT_WORDS = {"link", "frame", "joint", "camera", "optical", "base", "pan", "tilt", "yaw", "pitch", "roll", "center"}
+# Topics of poses with such names rank before others, such as a robot's goal.
+_PERSON_TOPIC = re.compile(r"head|face|person|people|human|user|pedestrian")
+
+
+@dataclass(frozen=True)
+class Sighted:
+    """Candidate track of a person's head.
+
+    Attributes:
+        name: Name of its frame, or its topic.
+        topic: Topic of its messages.
+        person: ROS4HRI's id of the person, else the frame's id, or the topic.
+        frame: Frame of the poses: the nearest ancestor that is not a person's.
+        poses: In the order of their stamps, each stamp once.
+        left_out: Messages that repeat a stamp, have no finite pose, or came while the tracker did not list the face.
+    """
+
+    name: str
+    topic: str
+    person: str
+    frame: str
+    poses: Poses
+    left_out: int = 0
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """Sort key: preference of the frame's kind, then negative length."""
+        of_topic = len(PREFIXES) + (not _PERSON_TOPIC.search(self.topic.lower()))
+        kinds = (k for k, prefix in enumerate(PREFIXES) if self.topic == TF and self.name.startswith(prefix))
+        return next(kinds, of_topic), -self.poses.times_s.size
+
+
+def is_person(frame: str) -> bool:
+    """Whether a frame's name is a person's."""
+    return bool(_PERSON.fullmatch(frame)) and frame.lower().rpartition("_")[2] not in _ROBOT_WORDS
+
+
+def people_in(frames: FrameTree, topics: Mapping[str, str], messages: Sequence[BagMessage]) -> list[Sighted]:
+    """All candidates for a person's head, most likely and longest first.
+
+    Args:
+        frames: The frames of the bag.
+        topics: Type of each topic.
+        messages: Messages of the bag.
+
+    Returns:
+        Frames and topics with at least one usable pose. Faces of one person are merged.
+    """
+    named = ((message.content, person_of_topic(message.topic)) for message in messages)
+    persons = {content.data: person for content, person in named if person is not None and content.data}
+    found = [
+        _listed(seen, messages)
+        for name in frames.names
+        if is_person(name) and (seen := _of_frame(frames, name, persons.get(name.partition("_")[2])))
+    ]
+    found = [*_joined(found), *(_of_topic(topic, messages) for topic, kind in topics.items() if kind in POSE_TYPES)]
+    return sorted((seen for seen in found if seen.poses.times_s.size), key=lambda seen: seen.rank)
+
+
+def _listed(seen: Sighted, messages: Iterable[BagMessage]) -> Sighted:
+    """Remove the poses of a face that is in neither the previous nor the next list of tracked faces.
+
+    Some trackers repeat the last pose of a lost face.
+    """
+    face = seen.name.removeprefix("face_")
+    lists = [message for message in messages if message.topic == FACES]
+    has = np.array([face in message.content.ids for message in lists], dtype=np.bool_)
+    if not (seen.name.startswith("face_") and has.any()):
+        return seen
+    received_s = np.array([1e-9 * message.received_ns for message in lists])
+    after = np.searchsorted(received_s, seen.poses.times_s + seen.poses.delays_s)
+    listed = has[np.clip(after - 1, 0, has.size - 1)] | has[np.clip(after, 0, has.size - 1)]
+    return replace(seen, poses=seen.poses.chosen(listed), left_out=seen.left_out + int((~listed).sum()))
+
+
+def _of_frame(frames: FrameTree, name: str, person: str | None) -> Sighted | None:
+    """Track of a person's frame in its nearest ancestor of no person; None if it is static or has none."""
+    own_id = name.partition("_")[2]
+    way: list[tuple[tuple[str, str], bool]] = []
+    here, been = name, {name}
+    while here == name or is_person(here) or here.endswith(f"_{own_id}"):
+        edges = [edge for edge in (*frames.moving, *frames.fixed) if edge[1] == here and edge[0] not in been]
+        if not edges:
+            return None
+        # A frame has one parent; of two, the more frequent one.
+        edge = max(edges, key=lambda edge: len(frames.moving[edge].times_s) if edge in frames.moving else 0)
+        way.append((edge, True))
+        here = edge[0]
+        been.add(here)
+    moving = [edge for edge, _ in way if edge in frames.moving]
+    if not moving:
+        return None
+    given = frames.moving[moving[0]]
+    poses = usable(given)
+    # A single transform needs no composition.
+    if len(way) > 1:
+        position_m, turn, known = frames.along(way, poses.times_s)
+        quats = turn.as_quat(scalar_first=True)
+        poses = Poses(poses.times_s, poses.delays_s, position_m, quats).chosen(known)
+    return Sighted(name, TF, person or own_id, here, poses, given.times_s.size - poses.times_s.size)
+
+
+def _joined(found: Sequence[Sighted]) -> list[Sighted]:
+    """Merge the faces of one person in one frame: a tracker assigns a new id after losing a face."""
+    groups: dict[tuple[str, str, str], list[Sighted]] = defaultdict(list)
+    for seen in found:
+        groups[seen.person, seen.frame, seen.name.partition("_")[0]].append(seen)
+    return [_join(group) if len(group) > 1 else group[0] for group in groups.values()]
+
+
+def _join(group: Sequence[Sighted]) -> Sighted:
+    fields = zip(*(vars(seen.poses).values() for seen in group), strict=True)
+    every = Poses(*(np.concatenate(field) for field in fields))
+    poses, first = usable(every), group[0]
+    left_out = sum(seen.left_out for seen in group) + every.times_s.size - poses.times_s.size
+    return replace(first, name=f"{first.name.partition('_')[0]}_{first.person}", poses=poses, left_out=left_out)
+
+
+def _of_topic(topic: str, messages: Iterable[BagMessage]) -> Sighted:
+    rows: list[tuple[float, ...]] = []
+    frames: list[str] = []
+    for message in messages:
+        if message.topic != topic:
+            continue
+        content = message.content
+        point, quat = getattr(content, "point", None), (np.nan,) * 4
+        if point is None:
+            pose = getattr(content.pose, "pose", content.pose)
+            point, q = pose.position, pose.orientation
+            # In ROS all zeros mean no orientation.
+            quat = (q.w, q.x, q.y, q.z) if any((q.w, q.x, q.y, q.z)) else quat
+        at_ns = stamp_ns(content.header)
+        rows.append((1e-9 * at_ns, 1e-9 * (message.received_ns - at_ns), point.x, point.y, point.z, *quat))
+        frames.append(content.header.frame_id.lstrip("/"))
+    frame = max(dict.fromkeys(frames), key=frames.count) if frames else ""
+    poses = usable(poses_of(rows).chosen(np.array([name == frame for name in frames], dtype=np.bool_)))
+    # The identity in every message means no orientation.
+    if (poses.quat_wxyz == (1.0, 0.0, 0.0, 0.0)).all():
+        poses = replace(poses, quat_wxyz=np.full_like(poses.quat_wxyz, np.nan))
+    return Sighted(topic, topic, topic, frame, poses, len(rows) - poses.times_s.size)
 
 
 def read_bag(path: Path, options: ReadOptions) -> Recording:
@@ -75,7 +237,9 @@ def _open(path: Path) -> tuple[FrameTree, list[Sighted]]:
     if found := people_in(frames, topics, messages):
         return frames, found
     problem = f"no frame of a person; the bag's topics are {', '.join(topics) or 'none'}"
-    raise RecordingError(path, f"topic {TF}", problem, _EXPECTED)
+    names = ", ".join(f"{prefix}<id>" for prefix in PREFIXES)
+    expected = f"frames named {names} in {TF}, as in ROS4HRI, or a topic of poses or points"
+    raise RecordingError(path, f"topic {TF}", problem, expected)
 
 
 def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sighted, options: ReadOptions) -> Recording:
@@ -104,7 +268,7 @@ def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
             near = suggest(options.bag_topic, {seen.topic for seen in people})
             raise SettingsError(f"bag_topic: no person on {options.bag_topic} in {path}; {near}")
     if options.person is not None:
-        named = [seen for seen in found if seen.answers_to(options.person)]
+        named = [s for s in found if options.person in (s.name, s.person, s.name.partition("_")[2])]
         if not named:
             near = suggest(options.person, {name for seen in found for name in (seen.name, seen.person)})
             raise SettingsError(f"person: no {options.person!r} in {path}; {near}")
@@ -157,12 +321,10 @@ def _pelvis(
     frames: FrameTree, seen: Sighted, frame: str, axes: Axes, times_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Positions, shape (N, 3), and quaternions, (N, 4), of the hips of the head's skeleton; NaN if unknown."""
-    way = None
-    if seen.name.startswith("head_"):
-        way = frames.way(f"body_{seen.name.removeprefix('head_')}", frame)
+    kind, _, own_id = seen.name.partition("_")
+    way = frames.way(f"body_{own_id}", frame) if kind == "head" else None
     if way is None:
         return np.full((times_s.size, 3), np.nan), np.full((times_s.size, 4), np.nan)
     position_m, turn, known = frames.along(way, times_s)
-    quats = turn.as_quat(scalar_first=True)
-    poses, _ = forward(frame, Poses(times_s, np.zeros_like(times_s), position_m, quats), axes)
+    poses, _ = forward(frame, Poses(times_s, times_s, position_m, turn.as_quat(scalar_first=True)), axes)
     return np.where(known[:, None], poses.position_m, np.nan), np.where(known[:, None], poses.quat_wxyz, np.nan)

@@ -20,7 +20,6 @@ from gazempc.types import FloatArray
 
 Pose = tuple[Rotation, FloatArray]
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
-_CHANNEL_OF_LOWER = {name.lower(): name for name in _CHANNELS}
 _PIECES = re.compile(r"[{}]|[^{}]+")
 _CHANNELS_EXPECTED = f"their number and names out of {', '.join(_CHANNELS)}, each once"
 
@@ -33,6 +32,7 @@ class Joint:
         name: As in the file.
         parent: Index of the parent in the list of joints, -1 for the root; parents come first.
         offset: Shape (3,), from the parent in the rest pose, file units.
+        rest: Shape (3,), from the root in the rest pose, file units.
         channels: Such as ``("Zrotation", "Xrotation", "Yrotation")``, in file order.
         first_channel: Column of the first channel in the motion.
         end_offset: Shape (3,), from the joint to its end site, file units; None without one.
@@ -41,6 +41,7 @@ class Joint:
     name: str
     parent: int
     offset: FloatArray
+    rest: FloatArray
     channels: tuple[str, ...] = ()
     first_channel: int = 0
     end_offset: FloatArray | None = None
@@ -115,11 +116,7 @@ def poses(bvh: Bvh, wanted: Iterable[int], frames: slice = slice(None)) -> dict[
     Returns:
         For each joint its rotation (N of them, joint to file axes) and position, shape (N, 3), file units.
     """
-    needed: set[int] = set()
-    for index in wanted:
-        while index >= 0 and index not in needed:
-            needed.add(index)
-            index = bvh.joints[index].parent  # noqa: PLW2901 - up to the root
+    needed = {index for joint in wanted for index in to_root(bvh.joints, joint)}
     motion = bvh.motion[frames]
     found: dict[int, Pose] = {}
     for index in sorted(needed):
@@ -136,6 +133,14 @@ def poses(bvh: Bvh, wanted: Iterable[int], frames: slice = slice(None)) -> dict[
             turn, local = parent_turn * turn, parent_position + parent_turn.apply(local)
         found[index] = turn, local
     return found
+
+
+def to_root(joints: list[Joint], index: int) -> list[int]:
+    """Indices of a joint and of all its parents, up to the root."""
+    way = [index]
+    while joints[way[-1]].parent >= 0:
+        way.append(joints[way[-1]].parent)
+    return way
 
 
 class _Lines:
@@ -185,12 +190,12 @@ class _Lines:
 def _add_joint(lines: _Lines, name: str, parent: int, joints: list[Joint]) -> None:
     """Read a joint and its descendants, from its opening to its closing brace."""
     lines.match(r"\{", f"the opening brace of joint {name!r}")
-    index, joint = len(joints), Joint(name, parent, lines.offset())
+    index, offset = len(joints), lines.offset()
+    joint = Joint(name, parent, offset, joints[parent].rest + offset if joints else np.zeros(3))
     joint.first_channel = sum(len(other.channels) for other in joints)
     found = lines.match(r"CHANNELS (\d{1,3}) ?(.*)", f"CHANNELS of joint {name!r}, {_CHANNELS_EXPECTED}")
-    joint.channels = tuple(_CHANNEL_OF_LOWER.get(word.lower(), "") for word in found[2].split())
-    distinct = set(joint.channels) - {""}
-    if not len(joint.channels) == len(distinct) == int(found[1]):
+    joint.channels = tuple(word.capitalize() for word in found[2].split())
+    if not len(joint.channels) == len(set(joint.channels) & set(_CHANNELS)) == int(found[1]):
         raise lines.error(shown(found[0], 80), _CHANNELS_EXPECTED)
     joints.append(joint)
     expected = f"JOINT, End Site or the closing brace of joint {name!r}"

@@ -16,7 +16,7 @@ from scipy.interpolate import make_smoothing_spline
 from gazempc.errors import RecordingError
 from gazempc.recordings.readers.labels import labels_for
 from gazempc.recordings.recording import DataKind, Recording, Track, truth_of
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray
 
 Place = Callable[[int], str]
 
@@ -53,14 +53,14 @@ def recording_of(
     note: str = "",
     notes: Sequence[str] = (),
 ) -> Recording:
-    """Check a track read from a file, and build the recording.
+    """Check length, time stamps, units, vertical axis and plausibility of a track, and build the recording.
 
     For a track measured by a tracker, the truth is this track with positions smoothed without lag.
 
     Args:
-        path: The file.
+        path: The file, or the name of the recording.
         times_s: Capture times, shape (N,), seconds.
-        track: Poses, z up, at these times.
+        track: Poses, z up, at these times; finite where the person was seen.
         kind: Kind of data.
         has_robot: Whether the frame's origin is the robot's sensor.
         place: Place of a frame in the file.
@@ -71,60 +71,35 @@ def recording_of(
         The recording, named after the file, with the labels of the index file beside it.
 
     Raises:
-        RecordingError: If a check fails.
+        RecordingError: Names the first check that fails.
     """
-    measured = bool(truth_of(kind))
-    check_motion(path, times_s, track, has_robot, place, note, MIN_SEEN_FRAMES if measured else MIN_FRAMES)
-    truth = _smoothed(path, times_s - times_s[0], track) if measured else track
-    path_m = truth.pelvis_position_m if np.isfinite(truth.pelvis_position_m).any() else truth.head_position_m
+    measured, seen = bool(truth_of(kind)), track.valid
+    fewest = MIN_SEEN_FRAMES if measured else MIN_FRAMES
+    if seen.sum() < fewest:
+        raise RecordingError(path, "", f"only {seen.sum()} frame(s)", f"at least {fewest} frames")
+    check_times_increase(path, times_s, place)
+    _check_frame_interval(path, times_s, note)
+    head_m, pelvis_m = track.head_position_m, track.pelvis_position_m
+    both = seen & np.isfinite(pelvis_m).all(axis=1)
+    if both.any():
+        _check_body(path, head_m[both] - pelvis_m[both], note)
+    else:
+        _check_head_travel(path, times_s[seen], head_m[seen])
+    check_plausible(path, times_s[seen], head_m[seen], has_robot)
+    if measured:
+        head_m, pelvis_m = _smooth(path, times_s, head_m), _smooth(path, times_s, pelvis_m)
+    path_m = pelvis_m if np.isfinite(pelvis_m).any() else head_m
     return Recording(
         name=path.stem,
         source=str(path),
         kind=kind,
         times_s=times_s,
-        truth=truth,
+        truth=replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m),
         measured=track if measured else None,
         has_robot=has_robot,
         labels=labels_for(path, times_s, path_m),
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def check_motion(
-    source: Path,
-    times_s: FloatArray,
-    track: Track,
-    has_robot: bool,
-    place: Place,
-    note: str = "",
-    fewest: int = MIN_FRAMES,
-) -> None:
-    """Check length, time stamps, units, vertical axis and plausibility of a track.
-
-    Args:
-        source: File, or name of the recording.
-        times_s: Shape (N,), seconds.
-        track: The track; finite where the person was seen.
-        has_robot: Whether the frame's origin is the robot's sensor.
-        place: Place of a frame in the file.
-        note: The format's units, and options that change the reading, for messages.
-        fewest: Fewest frames with the person in view.
-
-    Raises:
-        RecordingError: Names the first check that fails.
-    """
-    seen = track.valid
-    if seen.sum() < fewest:
-        raise RecordingError(source, "", f"only {seen.sum()} frame(s)", f"at least {fewest} frames")
-    check_times_increase(source, times_s, place)
-    _check_frame_interval(source, times_s, note)
-    head_m, pelvis_m = track.head_position_m, track.pelvis_position_m
-    both = seen & np.isfinite(pelvis_m).all(axis=1)
-    if both.any():
-        _check_body(source, head_m[both] - pelvis_m[both], note)
-    else:
-        _check_head_travel(source, times_s[seen], head_m[seen])
-    check_plausible(source, times_s[seen], head_m[seen], has_robot)
 
 
 def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place: Place) -> None:
@@ -147,7 +122,7 @@ def check_finite(source: Path, values: FloatArray, columns: Sequence[str], place
 
 
 def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
-    """Reject time stamps that repeat, go backwards or are not finite.
+    """Reject time stamps that repeat, go backwards or are not numbers.
 
     Args:
         source: File that was read.
@@ -157,17 +132,13 @@ def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
     Raises:
         RecordingError: Names the first such frame, its time stamp and the one before it.
     """
-    expected = "finite time stamps, each larger than the one before"
-    if not np.isfinite(times).all():
-        index = int(np.argmin(np.isfinite(times)))
-        raise RecordingError(source, place(index), f"the time stamp is {times[index]}", expected)
-    steps = np.diff(times)
-    if (steps > 0.0).all():
-        return
-    index = int(np.argmax(steps <= 0.0)) + 1
-    before, now = float(times[index - 1]), float(times[index])
-    problem = f"the time stamp {now!r} follows {before!r} in {place(index - 1)}"
-    raise RecordingError(source, place(index), problem, expected)
+    # Not a number is not later than any other.
+    wrong = ~(times[1:] > times[:-1])
+    if wrong.any():
+        index = int(np.argmax(wrong)) + 1
+        before, now = float(times[index - 1]), float(times[index])
+        problem = f"the time stamp {now!r} follows {before!r} in {place(index - 1)}"
+        raise RecordingError(source, place(index), problem, "finite time stamps, each larger than the one before")
 
 
 def check_unit_quaternions(source: Path, quat_wxyz: FloatArray, columns: str, place: Place) -> None:
@@ -209,10 +180,8 @@ def check_plausible(source: Path, times_s: FloatArray, head_position_m: FloatArr
         expected = f"frames at most {MOST_GAP_S:g} s apart; a walk after a longer gap is another recording"
         raise RecordingError(source, "time stamps", problem, expected)
     if since_s[-1] > MOST_DURATION_S:
-        problem = f"the recording lasts {since_s[-1] / 3600.0:.4g} h"
-        raise RecordingError(
-            source, "time stamps", problem, f"{MOST_DURATION_S / 3600.0:g} h at most: cut it into walks"
-        )
+        problem, most_h = f"the recording lasts {since_s[-1] / 3600.0:.4g} h", MOST_DURATION_S / 3600.0
+        raise RecordingError(source, "time stamps", problem, f"{most_h:g} h at most: cut it into walks")
     away_m = head_position_m if at_sensor else head_position_m - np.median(head_position_m, axis=0)
     ranges_m = np.linalg.norm(away_m, axis=1)
     far, most_m = int(np.argmax(ranges_m)), MOST_RANGE_M if at_sensor else MOST_EXTENT_M
@@ -268,34 +237,26 @@ def _likely_unit(
     value: float, unit: str, sizes: Mapping[str, float], accepted: tuple[float, float], typical: float
 ) -> str:
     """End of a message: the unit that makes a value plausible, and its factor; empty if there is none."""
-    found = {name: value * size for name, size in sizes.items() if accepted[0] <= value * size <= accepted[1]}
+    found = {name: size for name, size in sizes.items() if accepted[0] <= value * size <= accepted[1]}
     if not found:
         return ""
-    likely = min(found, key=lambda name: abs(np.log(found[name] / typical)))
-    size = sizes[likely]
+    likely, size = min(found.items(), key=lambda item: abs(np.log(value * item[1] / typical)))
     factor = f"{1.0 / size:.4g}" if size <= 1.0 else f"1/{size:.4g}"
     return f": looks like {likely} instead of {unit}, a factor of {factor}"
 
 
-def _smoothed(path: Path, times_s: FloatArray, track: Track) -> Track:
-    """The track with positions smoothed without lag."""
-    pelvis_m = track.pelvis_position_m
-    known = np.asarray(np.isfinite(pelvis_m).all(axis=1))
-    return replace(
-        track,
-        head_position_m=_spline(path, times_s, track.head_position_m, track.valid),
-        pelvis_position_m=_spline(path, times_s, pelvis_m, known) if known.sum() >= MIN_SEEN_FRAMES else pelvis_m,
-    )
+def _smooth(path: Path, times_s: FloatArray, position_m: FloatArray) -> FloatArray:
+    """Positions smoothed by a cubic spline, regularised by generalised cross-validation; shape (N, 3).
 
-
-def _spline(path: Path, times_s: FloatArray, position_m: FloatArray, seen: BoolArray) -> FloatArray:
-    """Cubic smoothing spline, regularised by generalised cross-validation; shape (N, 3), NaN where not seen."""
-    smooth_m = np.full_like(position_m, np.nan)
+    NaN where not seen; unchanged where the person is seen too rarely.
+    """
+    smooth_m, seen = np.full_like(position_m, np.nan), np.isfinite(position_m).all(axis=1)
+    if seen.sum() < MIN_SEEN_FRAMES:
+        return position_m
     # In units of the frame interval the spline's equations are well scaled at any frame rate.
-    knots = times_s[seen] / np.median(np.diff(times_s))
+    knots = (times_s - times_s[0])[seen] / np.median(np.diff(times_s - times_s[0]))
     try:
-        for axis in range(3):
-            smooth_m[seen, axis] = make_smoothing_spline(knots, position_m[seen, axis])(knots)
+        smooth_m[seen] = np.column_stack([make_smoothing_spline(knots, along)(knots) for along in position_m[seen].T])
     except (ValueError, np.linalg.LinAlgError) as error:
         problem = f"the track cannot be smoothed ({error})"
         raise RecordingError(path, "time stamps", problem, "frames at a constant rate") from None

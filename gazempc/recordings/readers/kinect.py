@@ -28,7 +28,7 @@ from gazempc.recordings.readers.checks import (
 )
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording, Track
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray
 
 JOINTS = ("PELVIS", "HEAD", "NOSE", "EAR_LEFT", "EAR_RIGHT")
 _MAX_AXIS_ERROR_DEG = 60.0
@@ -92,13 +92,11 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     check_times_increase(path, times_usec, "frame {}".format)
     bodies = [_bodies(path, index, frame) for index, frame in enumerate(file.frames)]
     chosen = _choose(path, bodies, options.kinect_body_id)
-    sightings = np.array([chosen in found for found in bodies])
-    first, last = np.flatnonzero(sightings)[[0, -1]]
-    seen = sightings[first : last + 1]
-    tracked = [found[chosen] for found in bodies if chosen in found]
+    seen = np.array([index for index, found in enumerate(bodies) if chosen in found])
+    tracked = [bodies[index][chosen] for index in seen]
 
     def place(row: int) -> str:
-        return f"frame {np.flatnonzero(sightings)[row]}, body {chosen}"
+        return f"frame {seen[row]}, body {chosen}"
 
     positions_mm = _joints(path, file.joint_names, "joint_positions", [body.joint_positions for body in tracked], place)
     quats = _joints(path, file.joint_names, "joint_orientations", [body.joint_orientations for body in tracked], place)
@@ -108,18 +106,18 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     level = Rotation.from_euler("y", -options.kinect_camera_pitch_deg, degrees=True)
     level *= Rotation.from_matrix(_LEVEL_FROM_CAMERA)
     head = options.kinect_head_joint.upper()
-    turns = {
-        name: level * Rotation.from_quat(quats[name], scalar_first=True) * _PERSON_IN_JOINT for name in (head, "PELVIS")
-    }
+    names = (head, "PELVIS")
+    turns = [level * Rotation.from_quat(quats[name], scalar_first=True) * _PERSON_IN_JOINT for name in names]
     face = positions_mm["NOSE"] - 0.5 * (positions_mm["EAR_LEFT"] + positions_mm["EAR_RIGHT"])
-    _check_head_axes(path, head, turns[head], level.apply(face))
-    track = Track(
-        head_position_m=_spread(1e-3 * level.apply(positions_mm[head]), seen),
-        head_quat_wxyz=_spread(turns[head].as_quat(scalar_first=True), seen),
-        pelvis_position_m=_spread(1e-3 * level.apply(positions_mm["PELVIS"]), seen),
-        pelvis_quat_wxyz=_spread(turns["PELVIS"].as_quat(scalar_first=True), seen),
-    )
-    times_s = (times_usec[first : last + 1] - times_usec[first]) * 1e-6
+    _check_head_axes(path, head, turns[0], level.apply(face))
+    head_m, pelvis_m = (1e-3 * level.apply(positions_mm[name]) for name in names)
+    head_quat, pelvis_quat = (turn.as_quat(scalar_first=True) for turn in turns)
+    # Frames without the body take the last row, which is unknown.
+    rows = np.full(seen[-1] + 1 - seen[0], -1)
+    rows[seen - seen[0]] = np.arange(seen.size)
+    parts = (head_m, head_quat, pelvis_m, pelvis_quat)
+    track = Track(*(np.pad(part, ((0, 1), (0, 0)), constant_values=np.nan)[rows] for part in parts))
+    times_s = (times_usec[seen[0] : seen[-1] + 1] - times_usec[seen[0]]) * 1e-6
     return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE)
 
 
@@ -192,10 +190,3 @@ def _check_head_axes(path: Path, joint: str, head: Rotation, face: FloatArray) -
 def _median_angle_deg(a: FloatArray, b: FloatArray) -> float:
     cross = np.linalg.norm(np.cross(a, b), axis=1)
     return float(np.degrees(np.median(np.arctan2(cross, np.sum(a * b, axis=1)))))
-
-
-def _spread(values: FloatArray, seen: BoolArray) -> FloatArray:
-    """Rows for all frames from rows for the frames with a sighting; NaN in the others."""
-    spread = np.full((len(seen), values.shape[1]), np.nan)
-    spread[seen] = values
-    return spread

@@ -101,34 +101,15 @@ def route_group(times_s: FloatArray, position_m: FloatArray) -> Group:
     """
     if not travel(times_s, position_m).leaves:
         return "standing"
-    range_deg = travel_direction_range_deg(times_s, position_m)
-    if range_deg < _TURN_FROM_DEG:
-        return "straight"
-    return "turn" if range_deg <= _SHARP_FROM_DEG else "sharp"
-
-
-def travel_direction_range_deg(times_s: FloatArray, position_m: FloatArray) -> float:
-    """Range of the direction of travel after smoothing, in degrees; 0 if the person never walks.
-
-    Args:
-        times_s: Shape (N,), seconds, strictly increasing.
-        position_m: Positions of the pelvis, which sways less, or of the head; shape (N, 3), metres, z up; rows with NaN
-            are left out.
-
-    Returns:
-        Largest minus smallest direction of travel (unwrapped), degrees.
-    """
     grid_s, path_m = _on_grid(times_s, position_m)
-    if grid_s.size < 2:
-        return 0.0
     step_s = grid_s[1] - grid_s[0]
     smooth_m = gaussian_filter1d(path_m, _SMOOTHING_S / step_s, axis=0, mode="nearest")
     velocity_m_s = np.gradient(smooth_m, step_s, axis=0)
     walking = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1]) >= _MIN_SPEED_M_S
-    if not walking.any():
-        return 0.0
     direction_rad = np.unwrap(np.arctan2(velocity_m_s[walking, 1], velocity_m_s[walking, 0]))
-    return float(np.degrees(np.ptp(direction_rad)))
+    if not walking.any() or np.degrees(np.ptp(direction_rad)) < _TURN_FROM_DEG:
+        return "straight"
+    return "turn" if np.degrees(np.ptp(direction_rad)) <= _SHARP_FROM_DEG else "sharp"
 
 
 def _on_grid(times_s: FloatArray, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,34 +18,32 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, shown
+from gazempc.files.documents import as_toml
+from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
-from gazempc.recordings.readers.tables.body_poses import read_parts, ros_frame
-from gazempc.recordings.readers.tables.guess import guess
-from gazempc.recordings.readers.tables.mapping import (
-    ColumnMapping,
-    ShippedMapping,
-    parse_columns,
-    read_mapping,
-    save_mapping,
-    saved_places,
-)
-from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
-from gazempc.recordings.readers.tables.people import (
+from gazempc.recordings.readers.tables.header import (
     NEEDED,
-    PERSON,
     choose_from_header,
+    guess,
     own_mapping,
     people_in_header,
     rows_of_person,
 )
-from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, wide
-from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.readers.tables.values import Columns
+from gazempc.recordings.readers.tables.mapping import (
+    PERSON,
+    ColumnMapping,
+    ShippedMapping,
+    parse_columns,
+    read_mapping,
+    saved_places,
+)
+from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
+from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, read_text_table, wide
+from gazempc.recordings.readers.tables.values import read_parts, ros_frame
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
-from gazempc.types import BoolArray
 
 FOLDER = "recordings/readers/tables/mappings"
 # Minimum share of usable rows; more unusable rows indicate wrong columns.
@@ -62,9 +61,7 @@ _OPTIONAL_PARTS = {
 }
 # Readers of tables, by the ending of the file.
 TABLES: dict[str, Callable[[Path], RawTable]] = {
-    ".csv": read_text_table,
-    ".tsv": read_text_table,
-    ".txt": read_text_table,
+    **dict.fromkeys((".csv", ".tsv", ".txt"), read_text_table),
     ".parquet": parquet_table,
     ".mvnx": mvnx_table,
 }
@@ -90,27 +87,32 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     """
     table = _raw(path)
     mapping, about = _mapping_of(table, options)
-    for key in ("t", "head"):
-        if getattr(mapping, key) is None:
-            raise RecordingError(path, "mapping", f"columns of {key} are missing", "at least t and head")
-    assert mapping.head is not None
+    given = mapping.texts()
+    if missing := [key for key in ("t", "head") if key not in given]:
+        raise RecordingError(path, "mapping", f"columns of {' and '.join(missing)} are missing", "at least t and head")
     notes, person, identity = [*table.notes, *about], options.person, ""
-    if PERSON in mapping.head:
-        names = people_in_header(table, mapping.head)
+    if PERSON in given["head"]:
+        names = people_in_header(table, given["head"])
         if not names:
-            raise Columns(table).missing(f"columns for {mapping.head}")
+            raise table.missing(f"columns for {given['head']}")
         identity, more = choose_from_header(table, names, person)
         notes += more
     elif person is not None and mapping.person is None:
         raise SettingsError(f"--reading.person {person}: {path} has no column of person ids; add person=COLUMN")
-    columns = Columns(table, identity)
-    times_s, track = read_parts(columns, mapping)
+    mapping = mapping.of_person(identity)
+    times_s, track = read_parts(table, mapping)
     known, selected = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        selected, identity, more = rows_of_person(table, columns.one(mapping.person), known, person)
+        selected, identity, more = rows_of_person(table, table.one(mapping.person), known, person)
         notes += more
-    notes += _drop_note(table, known, selected)
-    rows, frame = np.flatnonzero(known & selected), ros_frame(columns, mapping)
+    count, lost = int(selected.sum()), selected & ~known
+    if lost.any():
+        first = table.place(int(np.argmax(lost)))
+        note = f"{lost.sum()} of {count} rows have no time or no head position (first {first})"
+        if count - lost.sum() < _LEAST_USABLE * count:
+            raise RecordingError(path, "", note, f"at least {_LEAST_USABLE:.0%} of the rows, or other columns")
+        notes.append(f"{note}: dropped")
+    rows, frame = np.flatnonzero(known & selected), ros_frame(table, mapping)
     times_s, track = times_s[rows], track.rows(known & selected)
     at_sensor = mapping.origin == "sensor" and frame not in FIXED_FRAMES
     if frame is not None and mapping.head_axes is None and not track.positions_only:
@@ -148,11 +150,12 @@ def remember_columns(path: Path, options: ReadOptions) -> str:
     is_table = path.is_dir() or path.suffix.lower() in TABLES
     if not is_table or not (options.columns is not None or options.guess):
         return ""
-    mapping, _ = _mapping_of(_raw(path), options)
+    saved, (mapping, _) = saved_places(path)[0], _mapping_of(_raw(path), options)
     try:
-        return f"columns saved in {save_mapping(path, mapping)}"
-    except RecordingError as error:
-        return f"columns not saved: {error}"
+        write_whole(saved, f"# Columns of {path.name}\n{as_toml(mapping.texts())}")
+    except OSError as error:
+        return f"columns not saved: {saved}: {error.strerror}"
+    return f"columns saved in {saved}"
 
 
 @lru_cache(maxsize=1)
@@ -186,14 +189,11 @@ def _found(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[
         if table.layout in mapping.layout and _shape_fits(table, mapping) and (shipped := _present(table, mapping)):
             note = (shipped.note,) if shipped.note else ()
             return ColumnMapping.model_validate(shipped.texts()), (f"columns as in {name}: {shipped.source}", *note)
-    try:
+    proposal = "name them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
+    proposal, guessed = f"no columns match a time and one head: {proposal}", None
+    with suppress(RecordingError):  # such as a cell that is not a number
         guessed = guess(table)
-    except RecordingError:  # such as a cell that is not a number
-        guessed = None
-    if guessed is None:
-        proposal = "name them, such as --reading.columns 't=stamp:ms, head=[px,py,pz]:mm'"
-        proposal = f"no columns match a time and one head: {proposal}"
-    else:
+    if guessed is not None:
         proposed, remarks = guessed
         option = proposed.as_option()
         if options.guess:
@@ -210,45 +210,37 @@ def _shape_fits(table: RawTable, mapping: ShippedMapping) -> bool:
     """Whether a table without a header has the mapping's number of columns and types of cells."""
     if mapping.columns is None:
         return True
-    if len(table.names) != mapping.columns:
+    rows = table.first(_FEW_ROWS)
+    cells = [rows.texts(name) for name in table.names]
+    words = {number for number, column in enumerate(cells, 1) if not all(map(is_number, column))}
+    if len(cells) != mapping.columns or words != set(mapping.words):
         return False
-    for number, name in enumerate(table.names, 1):
-        cells = table.texts(name)[:_FEW_ROWS]
-        is_text = not all(is_number(cell) for cell in cells)
-        if is_text != (number in mapping.words):
-            return False
-        if number in mapping.integers and any(float(cell.replace(",", ".")) % 1.0 for cell in cells):
-            return False
-    return True
+    return all(float(cell.replace(",", ".")).is_integer() for k in mapping.integers for cell in cells[k - 1])
 
 
 def _present(table: RawTable, mapping: ShippedMapping) -> ShippedMapping | None:
     """The mapping without missing optional parts; None if a required part is missing."""
-    given = mapping.texts()
-    for head in given["head"].split("|"):
-        names = people_in_header(table, head) if PERSON in head else [""]
-        # All people have the same columns.
-        columns = Columns(table.first(_FEW_ROWS), (names or [""])[0])
-        if names and _columns_exist(columns, {"head": head}):
-            break
-    else:
-        return None
-    found: dict[str, str | None] = {"head": head}
-    for key in given.keys() & _COLUMN_KEYS:
-        texts = given[key].split("|")
-        found[key] = next((text for text in texts if _columns_exist(columns, {"head": head, key: text})), None)
-    needed = {"t", "person", *mapping.needs} & given.keys()
-    return None if any(found[key] is None for key in needed) else mapping.model_copy(update=found)
+    given, rows = mapping.texts(), table.first(_FEW_ROWS)
+    found: dict[str, str] = {}
+    for key in ("head", *(given.keys() & _COLUMN_KEYS)):
+        ways = ({"head": found.get("head", text), key: text} for text in given[key].split("|"))
+        if way := next((way for way in ways if _columns_exist(rows, way)), None):
+            found |= way
+        elif key in {"head", "t", "person", *mapping.needs}:
+            return None
+    return mapping.model_copy(update=dict.fromkeys(_COLUMN_KEYS) | found)
 
 
-def _columns_exist(columns: Columns, values: dict[str, str]) -> bool:
+def _columns_exist(table: RawTable, values: dict[str, str]) -> bool:
     """Whether the columns of a mapping are in the header; invalid cells raise an error when they are read."""
     mapping = ColumnMapping.model_validate({"t": _EVERY_ROW} | values)
+    names = people_in_header(table, values["head"]) if PERSON in values["head"] else [""]
     try:
-        read_parts(columns, mapping)
-        return mapping.person is None or columns.has(mapping.person)
+        # All people have the same columns.
+        read_parts(table, mapping.of_person(names[0] if names else ""))
+        return bool(names) and (mapping.person is None or table.find(mapping.person) is not None)
     except RecordingError as error:
-        return error.where != "header"
+        return bool(names) and error.where != "header"
 
 
 def _lifted_from_hips(path: Path, track: Track) -> Track:
@@ -261,15 +253,3 @@ def _lifted_from_hips(path: Path, track: Track) -> Track:
     lift_m = np.array([0.0, 0.0, HIPS_HEIGHT_M])
     head_m, pelvis_m = track.head_position_m + lift_m, track.pelvis_position_m + lift_m
     return replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m)
-
-
-def _drop_note(table: RawTable, known: BoolArray, selected: BoolArray) -> list[str]:
-    """Note on dropped rows; raises an error if there are too many."""
-    count, lost = int(selected.sum()), selected & ~known
-    if not lost.any():
-        return []
-    first = table.place(int(np.argmax(lost)))
-    note = f"{lost.sum()} of {count} rows have no time or no head position (first {first})"
-    if count - lost.sum() < _LEAST_USABLE * count:
-        raise RecordingError(table.path, "", note, f"at least {_LEAST_USABLE:.0%} of the rows, or other columns")
-    return [f"{note}: dropped"]

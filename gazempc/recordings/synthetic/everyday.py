@@ -7,30 +7,31 @@ traffic shows, whose heads move within 5 to 18 cm, and within 60 cm while turnin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from gazempc.recordings.recording import Labels, Recording, Track
-from gazempc.recordings.synthetic.gait import (
-    PELVIS_HEIGHT_RATIO,
-    WalkerTraits,
-    bounded_normal,
-    draw_walkers,
-    slow_variation,
-    step_rate_hz,
-    walk_motion,
-)
-from gazempc.recordings.synthetic.routes import FRAME_RATE_HZ, MINIMUM_JERK_PEAK, HeadingProfile, place_in_view
 from gazempc.recordings.synthetic.walks import (
     DATASET_SEED,
+    FRAME_RATE_HZ,
+    MINIMUM_JERK_PEAK,
+    PELVIS_HEIGHT_RATIO,
     PITCH_WANDER_RAD,
     ROLL_WANDER_RAD,
     SENSOR_HEIGHT_M,
     SUBJECTS,
+    HeadingProfile,
+    WalkerTraits,
+    bounded_normal,
+    draw_walkers,
+    place_in_view,
     quat_wxyz,
+    slow_variation,
+    step_rate_hz,
     synthetic,
+    walk_motion,
 )
 from gazempc.types import FloatArray
 
@@ -76,27 +77,13 @@ _LONGEST_WALK_M = 3.4  # longest path within the view in most directions
 _WALK_HEADING_RAD = np.radians((60.0, 150.0))  # to either side of "away from the robot"; our choice
 
 
-@dataclass(frozen=True)
-class Activity:
-    """An activity of a person.
-
-    Attributes:
-        group: Label of the recordings.
-        kind: The activity's label.
-        description: In words.
-    """
-
-    group: str
-    kind: str
-    description: str
-
-
+# Labels of the activities; the subject is that of the recording.
 ACTIVITIES = {
-    "stand": Activity("standing", "standing", "stands and sways"),
-    "gesture": Activity("standing", "gesturing", "stands and gestures"),
-    "turn_on_spot": Activity("standing", "turning on the spot", "turns on the spot"),
-    "start": Activity("straight", "starting", "stands, then walks off"),
-    "stop": Activity("straight", "stopping", "walks, then stands"),
+    "stand": Labels("", "standing", "stands and sways", "standing"),
+    "gesture": Labels("", "standing", "stands and gestures", "gesturing"),
+    "turn_on_spot": Labels("", "standing", "turns on the spot", "turning on the spot"),
+    "start": Labels("", "straight", "stands, then walks off", "starting"),
+    "stop": Labels("", "straight", "walks, then stands", "stopping"),
 }
 
 
@@ -121,7 +108,7 @@ def generate_everyday(name: str) -> Recording:
     walker = draw_walkers(np.random.default_rng(DATASET_SEED), SUBJECTS)[number - 1]
     times_s, truth = _true_track(np.random.default_rng([*stream, 1]), walker, activity)
     about = ACTIVITIES[activity]
-    labels = Labels(subject, about.group, f"synthetic, {about.description}", about.kind)
+    labels = replace(about, subject=subject, description=f"synthetic, {about.description}")
     return synthetic(name, times_s, truth, np.random.default_rng([*stream, 2]), labels)
 
 

@@ -5,25 +5,365 @@ without recordings of people. They do not replace recordings of people: results 
 
 The origin of the frame is the robot's sensor and the axis of its neck's pan, 1.2 m above the floor; x is
 forward, y left, z up.
+
+Figures marked "the walks" were measured on 64 motion-capture clips of the CMU database; only the figures are used here,
+none of the clips' data.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
 
 from gazempc.recordings.recording import Labels, Recording, Track, turned
-from gazempc.recordings.synthetic.gait import (
-    PELVIS_HEIGHT_RATIO,
-    WalkerTraits,
-    draw_walkers,
-    slow_variation,
-    walk_motion,
-)
-from gazempc.recordings.synthetic.routes import ROUTES, TravelPath, walk_path
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import FloatArray
+
+REFERENCE_SPEED_M_S = 1.05
+"""Speed at which the gait amplitudes of `WalkerTraits` hold; the mean walking speed of short bouts."""
+
+PELVIS_HEIGHT_RATIO = 0.607  # pelvis over head height; the walks: 0.99 m over 1.63 m
+PELVIS_SWAY_RATIO = 0.85  # pelvis over head sway; the walks
+PELVIS_SWAY_LAG_RAD = np.radians(18.0)  # of the pelvis behind the head's sway; the walks
+PELVIS_YAW_LAG_RAD = np.radians(111.0)  # of the pelvis's yaw swing behind the head's sway; the walks
+SWAY_SLOPE_S_M = -0.41  # relative change of sway per m/s: people sway less when faster; the walks
+BOB_SLOPE_S_M = 1.0  # relative change of bob per m/s: longer steps lift more; the walks
+PITCH_SWING_RAD = np.radians(1.5)  # at the step rate; head pitch and roll vary by 2.2 and 1.4 deg in all
+ROLL_SWING_RAD = np.radians(1.0)  # at the stride rate
+
+
+def _trait(mean: float, sd: float, low: float, high: float) -> Any:
+    """Field of a trait with its mean, standard deviation and bounds over people."""
+    return field(metadata={"over_people": (mean, sd, low, high)})
+
+
+@dataclass(frozen=True)
+class WalkerTraits:
+    """Constant traits of a person.
+
+    Attributes:
+        head_height_m: Height of the head above the floor.
+        head_ahead_m: Distance of the head ahead of the pelvis, along the travel direction.
+        speed_m_s: Preferred walking speed over a few metres.
+        step_rate_offset_hz: Difference from the step rate usual at a speed.
+        sway_m: Amplitude of the head's sideways sway at the reference speed.
+        bob_m: Amplitude of the vertical bob at the reference speed.
+        fore_aft_m: Amplitude of the fore-aft motion.
+        pelvis_yaw_swing_rad: Amplitude of the pelvis's yaw swing.
+        head_lead_s: Time by which head yaw leads the travel direction in a turn of 90 deg.
+        pelvis_lead_s: The same for the pelvis's yaw.
+        head_yaw_offset_rad: Constant yaw between the measured and the true "straight ahead" of the head.
+        head_yaw_wander_rad: Standard deviation of the slow wander of head yaw.
+        head_pitch_rad: Mean pitch of the head, positive nose down.
+    """
+
+    # Adults' stature less about 0.1 m: the head joint lies inside the head.
+    head_height_m: float = _trait(1.60, 0.08, 1.45, 1.75)
+    head_ahead_m: float = _trait(0.042, 0.017, 0.01, 0.08)  # the walks
+    # Short bouts: 0.6-1.3 m/s (Carlisle & Kuo 2023), below the 0.94-1.43 of long walks (Bohannon 2011).
+    speed_m_s: float = _trait(REFERENCE_SPEED_M_S, 0.17, 0.68, 1.25)
+    step_rate_offset_hz: float = _trait(0.0, 0.12, -0.24, 0.24)  # the walks
+    # The walks, 30 +- 11 and 9 +- 4 mm; the spread here excludes the effect of speed.
+    sway_m: float = _trait(0.030, 0.0098, 0.012, 0.052)
+    bob_m: float = _trait(0.0092, 0.0025, 0.005, 0.016)
+    fore_aft_m: float = _trait(0.006, 0.003, 0.002, 0.012)  # the walks
+    pelvis_yaw_swing_rad: float = _trait(*np.radians([4.5, 2.0, 1.5, 8.5]))  # the walks
+    # About 200 ms: Grasso 1996, Lopez 2019; median 242 ms in sharp turns on the walks.
+    head_lead_s: float = _trait(0.205, 0.035, 0.15, 0.26)
+    pelvis_lead_s: float = _trait(0.10, 0.02, 0.06, 0.14)  # about 100 ms after the head: Farkhatdinov 2017
+    head_yaw_offset_rad: float = _trait(*np.radians([-4.0, 9.0, -22.0, 14.0]))  # the walks
+    head_yaw_wander_rad: float = _trait(*np.radians([3.4, 2.1, 0.8, 8.0]))  # the walks
+    head_pitch_rad: float = _trait(*np.radians([5.0, 4.0, -5.0, 15.0]))  # our choice: eyes on the way ahead
+
+
+@dataclass(frozen=True)
+class GaitMotion:
+    """Periodic motion of walking, relative to the smooth path of travel; each field has shape (N,).
+
+    Attributes:
+        head_left_m: Sideways sway of the head, positive to the person's left.
+        pelvis_left_m: Sideways sway of the pelvis.
+        up_m: Bob of head and pelvis.
+        ahead_m: Fore-aft motion of head and pelvis.
+        pelvis_yaw_rad: Yaw swing of the pelvis.
+        head_pitch_rad: Pitch swing of the head, positive nose down.
+        head_roll_rad: Roll swing of the head, positive to the right ear.
+    """
+
+    head_left_m: FloatArray
+    pelvis_left_m: FloatArray
+    up_m: FloatArray
+    ahead_m: FloatArray
+    pelvis_yaw_rad: FloatArray
+    head_pitch_rad: FloatArray
+    head_roll_rad: FloatArray
+
+
+def bounded_normal(rng: np.random.Generator, mean: float, sd: float, low: float, high: float) -> float:
+    """Draw from a normal distribution, clipped to [low, high]."""
+    return float(np.clip(rng.normal(mean, sd), low, high))
+
+
+def slow_variation(rng: np.random.Generator, times_s: FloatArray, highest_hz: float) -> FloatArray:
+    """Draw a smooth random signal of expected mean square 1 with no power above `highest_hz`.
+
+    Args:
+        rng: Random generator.
+        times_s: Shape (N,), seconds.
+        highest_hz: Upper edge of the band.
+
+    Returns:
+        Shape (N,), without unit.
+    """
+    count = 5
+    frequencies_hz = rng.uniform(0.1, highest_hz, count)
+    phases_rad = rng.uniform(-np.pi, np.pi, count)
+    waves = np.cos(2.0 * np.pi * np.outer(times_s, frequencies_hz) + phases_rad)
+    return np.asarray(np.sqrt(2.0 / count) * waves.sum(axis=1))
+
+
+def draw_walkers(rng: np.random.Generator, count: int) -> tuple[WalkerTraits, ...]:
+    """Draw people's traits from published ranges, so that few people already show the whole spread.
+
+    Each trait takes one value from each of `count` equally likely parts of its distribution, in an independent order
+    (Latin hypercube).
+
+    Args:
+        rng: Random generator.
+        count: Number of people.
+
+    Returns:
+        The people.
+    """
+    values = []
+    for mean, sd, low, high in (trait.metadata["over_people"] for trait in fields(WalkerTraits)):
+        share = (rng.permutation(count) + rng.uniform(size=count)) / count
+        values.append(np.clip(mean + sd * ndtri(share), low, high).tolist())
+    return tuple(WalkerTraits(*traits) for traits in zip(*values, strict=True))
+
+
+def step_rate_hz(walker: WalkerTraits, speed_m_s: FloatArray) -> FloatArray:
+    """Steps per second at a speed (the walks; MacDougall & Moore 2005 find 2 +- 0.13 Hz at free speed).
+
+    Args:
+        walker: Traits of the person.
+        speed_m_s: Shape (N,), metres per second.
+
+    Returns:
+        Shape (N,), hertz; twice the stride rate.
+    """
+    return 0.93 + 0.72 * speed_m_s + walker.step_rate_offset_hz
+
+
+def walk_motion(
+    rng: np.random.Generator, walker: WalkerTraits, times_s: FloatArray, speed_m_s: FloatArray
+) -> GaitMotion:
+    """Periodic motion of head and pelvis while walking at a varying speed.
+
+    The head moves toward the stance foot and is highest and slowest at mid-stance, and lowest and fastest in
+    double support, as an inverted pendulum is. It pitches down as it rises (Pozzo 1990).
+
+    Args:
+        rng: Random generator of the initial phase and of the variation between strides.
+        walker: Traits of the person.
+        times_s: Shape (N,), seconds.
+        speed_m_s: Shape (N,), smooth speed of travel.
+
+    Returns:
+        The motion at `times_s`.
+    """
+    # Phase 0 is the double support before the left foot's stance, pi the one before the right foot's.
+    stride_rate_hz = 0.5 * step_rate_hz(walker, speed_m_s)
+    phase = rng.uniform(-np.pi, np.pi) + 2.0 * np.pi * cumulative_trapezoid(stride_rate_hz, times_s, initial=0)
+    # Strides differ by some 10-15 % in width and lift; slower than a stride, so that the peaks stay sharp.
+    faster_m_s = speed_m_s - REFERENCE_SPEED_M_S
+    sway_m = walker.sway_m * (1.0 + SWAY_SLOPE_S_M * faster_m_s + 0.12 * slow_variation(rng, times_s, 0.4))
+    bob_m = walker.bob_m * (1.0 + BOB_SLOPE_S_M * faster_m_s + 0.10 * slow_variation(rng, times_s, 0.4))
+    return GaitMotion(
+        head_left_m=sway_m * np.sin(phase),
+        pelvis_left_m=PELVIS_SWAY_RATIO * sway_m * np.sin(phase - PELVIS_SWAY_LAG_RAD),
+        up_m=-bob_m * np.cos(2.0 * phase),
+        ahead_m=walker.fore_aft_m * np.sin(2.0 * phase),
+        pelvis_yaw_rad=walker.pelvis_yaw_swing_rad * np.sin(phase - PELVIS_YAW_LAG_RAD),
+        head_pitch_rad=-PITCH_SWING_RAD * np.cos(2.0 * phase),
+        head_roll_rad=-ROLL_SWING_RAD * np.sin(phase),
+    )
+
+
+FRAME_RATE_HZ = 30.0
+ROUTE_RANGE_M = (1.1, 5.28)
+"""Horizontal distance of the path from the sensor; leaves room for sway within the camera's 0.5-5.46 m."""
+ROUTE_HALF_ANGLE_RAD = np.radians(36.0)  # Azure Kinect, narrow field of view: 37.5 deg, less room for sway
+DURATION_RANGE_S = (4.6, 5.4)  # about 5 s in the paper
+LONGEST_PATH_M = 5.9  # longest straight walk across the view
+
+PEAK_RATE_90_RAD_S = np.radians((83.0, 92.0))  # peak turn rate in turns of 90 deg; the walks
+PEAK_RATE_EXPONENT = 0.6  # of the peak turn rate over the angle: wider turns also last longer; our choice
+SMALLEST_RADIUS_M = 0.4  # of turns while walking: 0.4-0.8 m on the walks
+MINIMUM_JERK_PEAK = 1.875  # peak over mean rate of a minimum-jerk profile
+
+
+@dataclass(frozen=True)
+class Route:
+    """A route of the experiment.
+
+    Attributes:
+        group: Label of the walks on it.
+        description: In words.
+        turn_deg: Range of the angle turned; positive to the person's left.
+        heading_deg: Direction of travel at the start; 0 is away from the robot, 90 to the robot's left.
+        middle_base_m: Position of the person, x and y, in the middle of the walk or of the turn.
+    """
+
+    group: Literal["straight", "turn", "sharp"]
+    description: str
+    turn_deg: tuple[float, float]
+    heading_deg: float
+    middle_base_m: tuple[float, float]
+
+
+# The paper gives only the kinds of the six routes. Left and right are mirror images; on the turning routes
+# the person comes toward the robot and turns off.
+ROUTES = {
+    "R1": Route("straight", "straight, to the robot's left", (0.0, 0.0), 95.0, (3.3, 0.0)),
+    "R2": Route("straight", "straight, to the robot's right", (0.0, 0.0), -95.0, (3.3, 0.0)),
+    "R3": Route("turn", "turn left", (45.0, 63.0), -170.0, (3.1, 0.9)),
+    "R4": Route("turn", "turn right", (-63.0, -45.0), 170.0, (3.1, -0.9)),
+    "R5": Route("sharp", "sharp turn left", (90.0, 120.0), -175.0, (2.9, 0.5)),
+    "R6": Route("sharp", "sharp turn right", (-120.0, -90.0), 175.0, (2.9, -0.5)),
+}
+
+
+@dataclass(frozen=True)
+class HeadingProfile:
+    """A minimum-jerk turn between two directions of travel.
+
+    Attributes:
+        start_rad: Direction before the turn.
+        turn_rad: Angle turned, positive to the left.
+        middle_s: Time of the turn's middle.
+        duration_s: Duration of the turn.
+    """
+
+    start_rad: float
+    turn_rad: float
+    middle_s: float
+    duration_s: float
+
+    def _fraction(self, times_s: FloatArray) -> FloatArray:
+        return np.clip((times_s - self.middle_s) / self.duration_s + 0.5, 0.0, 1.0)
+
+    def heading_rad(self, times_s: FloatArray) -> FloatArray:
+        """Direction at `times_s` (shape (N,), seconds): minimum jerk; radians, shape (N,), unwrapped."""
+        part = self._fraction(times_s)
+        return self.start_rad + self.turn_rad * part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+
+    def rate_shape(self, times_s: FloatArray) -> FloatArray:
+        """Turn rate at `times_s` (shape (N,), seconds) over its peak: 0 to 1, shape (N,)."""
+        part = self._fraction(times_s)
+        return 16.0 * part**2 * (1.0 - part) ** 2
+
+    def rate_rad_s(self, times_s: FloatArray) -> FloatArray:
+        """Turn rate at `times_s` (shape (N,), seconds): rad/s, shape (N,), positive to the left."""
+        return MINIMUM_JERK_PEAK * self.turn_rad / self.duration_s * self.rate_shape(times_s)
+
+
+def _misplacement(position_base_m: FloatArray) -> FloatArray:
+    """Distance by which paths, shape (..., N, 2), leave the camera's view: metres, shape (...), 0 inside."""
+    x, y = position_base_m[..., 0], position_base_m[..., 1]
+    distance = np.hypot(x, y)
+    beyond = np.maximum(ROUTE_RANGE_M[0] - distance, distance - ROUTE_RANGE_M[1])
+    beside = np.abs(y) * np.cos(ROUTE_HALF_ANGLE_RAD) - x * np.sin(ROUTE_HALF_ANGLE_RAD)
+    worst = np.maximum(np.maximum(beyond, beside), 0.0).max(axis=-1)
+    return np.asarray(worst)
+
+
+def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatArray) -> tuple[float, FloatArray]:
+    """Fit a path into the camera's view by the smallest sufficient rotation and shift.
+
+    Args:
+        path_m: Shape (N, 2), starts along +x, with the middle of the walk at the origin.
+        heading_rad: Desired direction of travel at the start.
+        middle_base_m: Desired position of the middle, shape (2,).
+
+    Returns:
+        Direction of travel at the start and place of the middle, shape (2,).
+    """
+    rotations = heading_rad + np.radians(np.arange(-50.0, 51.0, 5.0))
+    steps = np.linspace(-1.2, 1.2, 13)
+    shifts = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    cos, sin = np.cos(rotations), np.sin(rotations)
+    turning = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+    ends_and_bends = path_m[np.linspace(0, len(path_m) - 1, 16).astype(int)]
+    turned = ends_and_bends @ turning.transpose(0, 2, 1)
+    paths = turned[:, None] + (middle_base_m + shifts)[None, :, None]
+    # A metre of shift counts as much as a radian of rotation; leaving the view outweighs both.
+    # Rounded, so that ties, and thus the first minimum, are the same on all platforms.
+    effort = np.abs(rotations - heading_rad)[:, None] + np.hypot(shifts[:, 0], shifts[:, 1])[None]
+    best = np.argmin(effort.round(6) + 1e3 * _misplacement(paths))
+    rotation, shift = divmod(int(best), len(shifts))
+    return float(rotations[rotation]), middle_base_m + shifts[shift]
+
+
+def walk_path(
+    rng: np.random.Generator, walker: WalkerTraits, route: Route
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, HeadingProfile]:
+    """Draw one walk along a route.
+
+    Speed falls to 0.6-0.75 of the cruise speed in turns of 90 deg (the walks), and rises and falls gently at
+    both ends of the clip (short bouts are inverted U's: Carlisle & Kuo 2023; Seethapathi & Srinivasan).
+
+    Args:
+        rng: Random generator of this walk.
+        walker: Traits of the person.
+        route: The route.
+
+    Returns:
+        Times, shape (N,), seconds, from 0 in steps of a frame; the smooth path inside the camera's view, without the
+        gait's sway, x and y in the base frame, shape (N, 2), metres; speed, shape (N,), metres per second; direction of
+        travel, shape (N,), radians, unwrapped; and the turn as intended, which body and head anticipate.
+    """
+    speed_m_s = walker.speed_m_s * bounded_normal(rng, 1.0, 0.03, 0.94, 1.04)
+    duration_s = max(DURATION_RANGE_S[0], min(rng.uniform(*DURATION_RANGE_S), LONGEST_PATH_M / speed_m_s))
+    times_s = np.arange(round(duration_s * FRAME_RATE_HZ)) / FRAME_RATE_HZ
+    middle_s = 0.5 * times_s[-1] + bounded_normal(rng, 0.0, 0.15, -0.3, 0.3)
+
+    # 8 +- 5 % within a clip on the walks counts turns and starts, which come on top of this here.
+    wander = bounded_normal(rng, 0.035, 0.02, 0.01, 0.08) * slow_variation(rng, times_s, 0.4)
+    bout = 1.0 - rng.uniform(0.0, 0.15) * (2.0 * times_s / times_s[-1] - 1.0) ** 2
+    cruise_m_s = speed_m_s * bout * (1.0 + wander)
+
+    turn_rad = np.radians(rng.uniform(*route.turn_deg))
+    angle_per_90 = abs(turn_rad) / (0.5 * np.pi)
+    slowing = rng.uniform(0.25, 0.40) * min(angle_per_90, 1.1)
+    peak_rate = rng.uniform(*PEAK_RATE_90_RAD_S) * max(angle_per_90, 0.3) ** PEAK_RATE_EXPONENT
+    slowest_m_s = (1.0 - slowing) * float(np.interp(middle_s, times_s, cruise_m_s))
+    peak_rate = min(peak_rate, slowest_m_s / SMALLEST_RADIUS_M)
+    turn_s = max(MINIMUM_JERK_PEAK * abs(turn_rad) / peak_rate, 1.0)
+    profile = HeadingProfile(0.0, turn_rad, middle_s, turn_s)
+
+    speeds_m_s = cruise_m_s * (1.0 - slowing * profile.rate_shape(times_s))
+    # Straight walks wander by 4-15 deg from end to end on the walks, the pelvis's sway included.
+    drift_rad = np.radians(rng.uniform(0.5, 1.8)) * slow_variation(rng, times_s, 0.35)
+    headings_rad = profile.heading_rad(times_s) + drift_rad
+
+    velocity_m_s = speeds_m_s[:, None] * np.stack([np.cos(headings_rad), np.sin(headings_rad)], axis=-1)
+    path_m = cumulative_trapezoid(velocity_m_s, times_s, axis=0, initial=0)
+    path_m -= path_m[int(np.searchsorted(times_s, middle_s))]
+    heading_rad, middle_base_m = place_in_view(
+        path_m,
+        np.radians(route.heading_deg + rng.uniform(-12.0, 12.0)),
+        np.asarray(route.middle_base_m) + rng.uniform(-0.3, 0.3, 2),
+    )
+    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+    path_base_m = middle_base_m + path_m @ np.array([[cos, sin], [-sin, cos]])
+    profile = HeadingProfile(heading_rad, turn_rad, middle_s, turn_s)
+    return times_s, path_base_m, speeds_m_s, headings_rad + heading_rad, profile
+
 
 SENSOR_HEIGHT_M = 1.2
 
@@ -69,10 +409,9 @@ def generate(name: str) -> Recording:
     noise_rng = np.random.default_rng([DATASET_SEED, number, route_number, 2])
 
     walker = draw_walkers(people_rng, SUBJECTS)[number - 1]
-    path = walk_path(motion_rng, walker, route)
-    truth = _true_track(motion_rng, walker, path)
+    times_s, truth = _true_track(motion_rng, walker, route)
     description = f"synthetic walk, route {route_name}: {route.description}"
-    return synthetic(name, path.times_s, truth, noise_rng, Labels(subject, route.group, description))
+    return synthetic(name, times_s, truth, noise_rng, Labels(subject, route.group, description))
 
 
 def synthetic(
@@ -83,40 +422,40 @@ def synthetic(
     return Recording(name, "synthetic", "synthetic", times_s, truth, measured, has_robot=True, labels=labels)
 
 
-def _true_track(rng: np.random.Generator, walker: WalkerTraits, path: TravelPath) -> Track:
-    """Add gait, anticipation and gaze to the path of travel; without noise and gaps."""
-    times_s = path.times_s
-    gait = walk_motion(rng, walker, times_s, path.speed_m_s)
-    cos, sin = np.cos(path.heading_rad), np.sin(path.heading_rad)
+def _true_track(rng: np.random.Generator, walker: WalkerTraits, route: Route) -> tuple[FloatArray, Track]:
+    """Times, and gait, anticipation and gaze on a path of travel; without noise and gaps."""
+    times_s, path_base_m, speed_m_s, heading_rad, profile = walk_path(rng, walker, route)
+    gait = walk_motion(rng, walker, times_s, speed_m_s)
+    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
 
     def position_base_m(ahead_m: FloatArray, left_m: FloatArray, height_m: float) -> FloatArray:
-        x = path.position_base_m[:, 0] + ahead_m * cos - left_m * sin
-        y = path.position_base_m[:, 1] + ahead_m * sin + left_m * cos
+        x = path_base_m[:, 0] + ahead_m * cos - left_m * sin
+        y = path_base_m[:, 1] + ahead_m * sin + left_m * cos
         return np.stack([x, y, height_m - SENSOR_HEIGHT_M + gait.up_m], axis=-1)
 
     # Head and pelvis turn before the path does: by more, the sharper the turn (Bernardin 2012). On the walks
     # the head's lead is about half as long in turns of 60 deg, and the pelvis's is zero.
-    turn_deg = abs(np.degrees(path.profile.turn_rad))
+    turn_deg = abs(np.degrees(profile.turn_rad))
     head_lead_s = walker.head_lead_s * np.clip((turn_deg - 20.0) / 70.0, 0.0, 1.0)
     sharpness = np.clip((turn_deg - 60.0) / 30.0, 0.0, 1.0)
     pelvis_lead_s = walker.pelvis_lead_s * sharpness
     # The head also turns faster than the body in sharp turns (peak rate 0.9-1.6 times the pelvis's on the
     # walks), so that it points 15-38 deg farther into the turn at a lead of 200 ms.
     head_turn_share = 1.0 - rng.uniform(*_HEAD_TURN_SHORTENING) * sharpness
-    head_turn = replace(path.profile, duration_s=head_turn_share * path.profile.duration_s)
+    head_turn = replace(profile, duration_s=head_turn_share * profile.duration_s)
     wander_rad = walker.head_yaw_wander_rad * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
-    drift_rad = path.heading_rad - path.profile.heading_rad(times_s)
+    drift_rad = heading_rad - profile.heading_rad(times_s)
     head_yaw_rad = head_turn.heading_rad(times_s + head_lead_s) + drift_rad
     head_yaw_rad += walker.head_yaw_offset_rad + wander_rad
-    pelvis_yaw_rad = path.profile.heading_rad(times_s + pelvis_lead_s) + drift_rad + gait.pelvis_yaw_rad
+    pelvis_yaw_rad = profile.heading_rad(times_s + pelvis_lead_s) + drift_rad + gait.pelvis_yaw_rad
     pitch_rad = walker.head_pitch_rad + PITCH_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
     roll_rad = ROLL_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
     level = np.zeros_like(times_s)
 
     pelvis_height_m = PELVIS_HEIGHT_RATIO * walker.head_height_m
-    lean_rad = _LEAN_RATIO * path.speed_m_s * path.profile.rate_rad_s(times_s) / _GRAVITY_M_S2
+    lean_rad = _LEAN_RATIO * speed_m_s * profile.rate_rad_s(times_s) / _GRAVITY_M_S2
     lean_left_m = lean_rad * (walker.head_height_m - pelvis_height_m)
-    return Track(
+    return times_s, Track(
         head_position_m=position_base_m(
             walker.head_ahead_m + gait.ahead_m, gait.head_left_m + lean_left_m, walker.head_height_m
         ),
@@ -135,28 +474,18 @@ def quat_wxyz(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) 
 def measured_track(rng: np.random.Generator, truth: Track) -> Track:
     """Measurements of a person by a body tracker in the origin of the frame: noise, bias and missing frames."""
     bias_m = rng.uniform(-_DEPTH_BIAS_M, _DEPTH_BIAS_M)
-    valid = rng.uniform(size=len(truth.head_position_m)) >= _MISSING_SHARE
-    return Track(
-        head_position_m=_seen_position_m(rng, truth.head_position_m, bias_m, valid),
-        head_quat_wxyz=_seen_quat_wxyz(rng, truth.head_quat_wxyz, valid),
-        pelvis_position_m=_seen_position_m(rng, truth.pelvis_position_m, bias_m, valid),
-        pelvis_quat_wxyz=_seen_quat_wxyz(rng, truth.pelvis_quat_wxyz, valid),
-    )
-
-
-def _seen_position_m(rng: np.random.Generator, position_m: FloatArray, bias_m: float, valid: BoolArray) -> FloatArray:
-    """Add noise and bias along the ray from the sensor and less noise across it; shape (N, 3)."""
-    distance_m = np.linalg.norm(position_m, axis=1, keepdims=True)
-    ray = position_m / distance_m
-    depth_sd_m = _DEPTH_NOISE_M * np.minimum(distance_m / _DEPTH_NOISE_DISTANCE_M, 1.0)
-    across = rng.normal(size=position_m.shape)
-    across -= (across * ray).sum(axis=1, keepdims=True) * ray
-    along = rng.normal(size=distance_m.shape)
-    seen_m = position_m + (bias_m + depth_sd_m * along) * ray + _LATERAL_NOISE_RATIO * depth_sd_m * across
-    return np.where(valid[:, None], seen_m, np.nan)
-
-
-def _seen_quat_wxyz(rng: np.random.Generator, quat_wxyz: FloatArray, valid: BoolArray) -> FloatArray:
-    """Turn orientations, shape (N, 4), about the vertical by the noise of the yaw."""
-    noise_rad = _YAW_NOISE_RAD * rng.normal(size=len(quat_wxyz))
-    return np.where(valid[:, None], turned(quat_wxyz, noise_rad), np.nan)
+    seen = rng.uniform(size=(len(truth.head_position_m), 1)) >= _MISSING_SHARE
+    head, pelvis = (truth.head_position_m, truth.head_quat_wxyz), (truth.pelvis_position_m, truth.pelvis_quat_wxyz)
+    parts: list[FloatArray] = []
+    for position_m, quat_wxyz in (head, pelvis):
+        # Noise and bias along the ray from the sensor, and less noise across it.
+        distance_m = np.linalg.norm(position_m, axis=1, keepdims=True)
+        ray = position_m / distance_m
+        depth_sd_m = _DEPTH_NOISE_M * np.minimum(distance_m / _DEPTH_NOISE_DISTANCE_M, 1.0)
+        across = rng.normal(size=position_m.shape)
+        across -= (across * ray).sum(axis=1, keepdims=True) * ray
+        along = rng.normal(size=distance_m.shape)
+        noisy_m = position_m + (bias_m + depth_sd_m * along) * ray + _LATERAL_NOISE_RATIO * depth_sd_m * across
+        noisy_wxyz = turned(quat_wxyz, _YAW_NOISE_RAD * rng.normal(size=len(quat_wxyz)))
+        parts += [np.where(seen, noisy_m, np.nan), np.where(seen, noisy_wxyz, np.nan)]
+    return Track(*parts)

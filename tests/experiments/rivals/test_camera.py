@@ -11,7 +11,7 @@ from experiments.rivals.rival import Detection, FrameRate, HeadCamera, bearing_r
 from experiments.rivals.simulate import camera_of, detect, on_the_head
 from gazempc.neck.kinematics import gaze_ray, look_at_rad
 from gazempc.neck.spec import Geometry, load_neck
-from gazempc.sim.sensing.tables import FieldOfView
+from gazempc.sim.sensing.spec import FieldOfView
 from gazempc.sim.sensor import load_sensor
 from gazempc.types import Sighting
 from predictors import HeadObservation

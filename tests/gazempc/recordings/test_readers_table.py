@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import gazempc as gz
 from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.tables.people import COLUMNS
+from gazempc.recordings.readers.tables.header import COLUMNS
 
 N = 60
 

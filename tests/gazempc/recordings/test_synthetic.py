@@ -6,8 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 from gazempc.recordings.readers.labels import route_group
-from gazempc.recordings.synthetic.routes import ROUTES
-from gazempc.recordings.synthetic.walks import generate, synthetic_names
+from gazempc.recordings.synthetic.walks import ROUTES, generate, synthetic_names
 
 FRAME_S = 1.0 / 30.0
 

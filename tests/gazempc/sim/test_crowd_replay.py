@@ -16,7 +16,7 @@ from gazempc.results.motion import limit_violations
 from gazempc.settings import AttentionSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import SceneSettings, make_scene
-from gazempc.sim.sensing.tables import FieldOfView
+from gazempc.sim.sensing.spec import FieldOfView
 
 TWO = "subject03_R4+subject05_R1"
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from gazempc.errors import RecordingError, SettingsError
-from gazempc.files.documents import as_toml, read_settings
-from gazempc.files.whole import write_whole
+from gazempc.errors import SettingsError
+from gazempc.files.documents import read_settings
 from gazempc.recordings.readers.tables.raw_table import Layout
 from gazempc.specfiles import explain, parse_spec
 
-SAVED_ENDING = ".columns.toml"
-SAVED_FOR_ALL = "columns.toml"
+PERSON = "{person}"
 
 
 class ColumnMapping(BaseModel):
@@ -61,6 +59,11 @@ class ColumnMapping(BaseModel):
         """This mapping, completed by another one."""
         return ColumnMapping.model_validate({**base.texts(), **self.texts()})
 
+    def of_person(self, name: str) -> ColumnMapping:
+        """This mapping with a person's name, which may be empty, in place of ``{person}``."""
+        own = {key: text.replace(f"{PERSON}:", f"{name}:" if name else "") for key, text in self.texts().items()}
+        return ColumnMapping.model_validate({key: text.replace(PERSON, name) for key, text in own.items()})
+
     def as_option(self) -> str:
         """The mapping as `--reading.columns` takes it."""
         return ", ".join(f"{key}={value}" for key, value in self.texts().items())
@@ -81,6 +84,8 @@ class ShippedMapping(ColumnMapping):
         note: Shown with the results.
     """
 
+    t: str
+    head: str
     source: str
     layout: tuple[Layout, ...]
     columns: int | None = None
@@ -88,12 +93,6 @@ class ShippedMapping(ColumnMapping):
     words: tuple[int, ...] = ()
     needs: tuple[str, ...] = ()
     note: str = ""
-
-    @model_validator(mode="after")
-    def _complete(self) -> Self:
-        if self.t is None or self.head is None:
-            raise ValueError("t and head are required")
-        return self
 
 
 def parse_columns(text: str, source: str = "--reading.columns") -> ColumnMapping:
@@ -135,25 +134,4 @@ def read_mapping(path: Path) -> ColumnMapping:
 
 def saved_places(path: Path) -> tuple[Path, Path]:
     """Candidate files of a table's mapping: its own beside it, then one for all tables of the folder."""
-    return path.with_name(path.name + SAVED_ENDING), path.with_name(SAVED_FOR_ALL)
-
-
-def save_mapping(path: Path, mapping: ColumnMapping) -> Path:
-    """Write a table's mapping beside it, where readers find it again.
-
-    Args:
-        path: The table.
-        mapping: Its mapping.
-
-    Returns:
-        The file that was written.
-
-    Raises:
-        RecordingError: If it cannot be written.
-    """
-    saved = saved_places(path)[0]
-    try:
-        write_whole(saved, f"# Columns of {path.name}\n{as_toml(mapping.texts())}")
-    except OSError as error:
-        raise RecordingError(saved, "", f"cannot be written: {error.strerror}", "a writable folder") from None
-    return saved
+    return path.with_name(f"{path.name}.columns.toml"), path.with_name("columns.toml")

@@ -8,11 +8,11 @@ from typing import Annotated, Any
 from xml.etree import ElementTree
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, ValidationError
 
 from gazempc.errors import RecordingError, importing
 from gazempc.files.text import read_text
-from gazempc.recordings.readers.tables.people import COLUMNS
+from gazempc.recordings.readers.tables.header import COLUMNS
 from gazempc.recordings.readers.tables.raw_table import RawTable
 
 # An hour of 50 columns at 60 Hz.
@@ -114,8 +114,7 @@ def mvnx_table(path: Path) -> RawTable:
     for number, frame in enumerate(frames):
         row: list[float] = []
         for what, count in counts.items():
-            element = frame.find(f"{{*}}{what}")
-            words = (frame.get(what) if element is None else element.text) or ""
+            words = frame.findtext(f"{{*}}{what}", frame.get(what, ""))
             try:
                 found = [float(word) for word in words.split()]
             except ValueError:
@@ -148,13 +147,6 @@ class _Person(BaseModel):
     person_id: list[Annotated[int, Field(ge=-1, le=_MOST_PEOPLE)]] = []
     # Empty if only one camera saw the person.
     pose_keypoints_3d: list[float] | None = None
-
-    @field_validator("pose_keypoints_3d")
-    @classmethod
-    def _of_body_25(cls, points: list[float] | None) -> list[float] | None:
-        if points and len(points) != 4 * _BODY_25:
-            raise ValueError(f"{len(points)} numbers instead of {4 * _BODY_25}")
-        return points
 
 
 class _People(BaseModel):
@@ -193,6 +185,8 @@ def openpose_table(path: Path) -> RawTable:
         for index, person in enumerate(people):
             if not person.pose_keypoints_3d:
                 continue
+            if (count := len(person.pose_keypoints_3d)) != 4 * _BODY_25:
+                raise RecordingError(file, f"people.{index}.pose_keypoints_3d", f"{count} numbers", _OPENPOSE)
             points = np.array(person.pose_keypoints_3d).reshape(_BODY_25, 4)
             points[points[:, 3] <= 0.0] = np.nan
             # OpenPose's id if it tracks people, else the index in the list.
@@ -207,12 +201,5 @@ def openpose_table(path: Path) -> RawTable:
     apart = np.linalg.norm(nose - hips, axis=1)
     known = apart[np.isfinite(apart)]
     unit = "mm" if known.size and float(np.median(known)) > _METRES_BELOW else "m"
-    return RawTable(
-        path=path,
-        layout="openpose",
-        names=tuple(names),
-        columns=list(values.T),
-        places=places,
-        units=dict.fromkeys(names[2:], unit),
-        notes=(f"positions are in {unit}, by the distance from nose to hips",),
-    )
+    notes, units = (f"positions are in {unit}, by the distance from nose to hips",), dict.fromkeys(names[2:], unit)
+    return RawTable(path, "openpose", tuple(names), list(values.T), places, units, notes=notes)
