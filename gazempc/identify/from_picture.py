@@ -23,7 +23,7 @@ from gazempc.errors import SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.identify.identified import TurnedAxis, latency_s, option_words, turned_table, turned_toml
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.turning import Odometer, Pulse, Turning, estimate_turns
+from gazempc.identify.turning import Pulse, Turning, estimate_turns, turned_rad
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, check_address, open_pictures
@@ -40,7 +40,6 @@ from gazempc.types import FloatArray
 # 3 % of the shortest one.
 _SHARE_OF_VIEW = 0.4
 _PULSE_S = (0.3, 1.5)
-_BEFORE_S = 0.3
 # Steps of a device without a table: shares of its full speed.
 _SHARES = 10
 _TICK_S = 0.02
@@ -50,16 +49,19 @@ _KEY_SHARE = 0.25
 
 
 @dataclass
-class _FrameGrabber:
-    """Grey pictures and their stamps, taken by a thread."""
+class _Pulser:
+    """Robot and pictures during the pulses; a thread takes the pictures."""
 
+    robot: Robot
     pictures: Any
     clock: RealClock
     taken: list[tuple[float, Any]] = field(default_factory=list)
     problem: str = ""
     closing: bool = False
+    _answers: list[tuple[float, FloatArray]] = field(default_factory=list)
 
     def work(self) -> None:
+        """Take grey pictures and their stamps until closed."""
         import cv2  # noqa: PLC0415
 
         while not self.closing:
@@ -72,16 +74,6 @@ class _FrameGrabber:
             scale = min(_WIDTH_PX / found.rgb.shape[1], 1.0)
             grey = cv2.resize(cv2.cvtColor(found.rgb, cv2.COLOR_RGB2GRAY), None, fx=scale, fy=scale, interpolation=3)
             self.taken.append((self.clock.from_monotonic_s(found.captured_s), grey))
-
-
-@dataclass
-class _Pulser:
-    """Robot and pictures during the pulses."""
-
-    robot: Robot
-    eye: _FrameGrabber
-    clock: RealClock
-    _answers: list[tuple[float, FloatArray]] = field(default_factory=list)
 
     def hold(self, speeds_rad_s: FloatArray, until_s: float) -> float:
         """Command speeds until a time; returns the send time."""
@@ -101,40 +93,32 @@ class _Pulser:
 
     def pulse(
         self, axis: int, step: int, speed_rad_s: float, lasts_s: float, after_s: float
-    ) -> tuple[Pulse, Pulse, list[Any]]:
-        """Execute a pulse: stamps of the pictures (angles pending), angles of the device, and the grey pictures."""
-        still, moving = np.zeros(2), np.zeros(2)
-        moving[axis] = speed_rad_s
-        self.eye.taken.clear()
+    ) -> tuple[Pulse, FloatArray, tuple[Any, ...]]:
+        """Execute a pulse: angles of the device, stamps of the pictures, and the grey pictures."""
+        still, moving = np.zeros(2), speed_rad_s * np.eye(2)[axis]
+        self.taken.clear()
         self._answers.clear()
-        self.hold(still, self.clock.now_s() + _BEFORE_S)
+        self.hold(still, self.clock.now_s() + 0.3)
         on_s = self.hold(moving, self.clock.now_s() + lasts_s)
         off_s = self.hold(still, self.clock.now_s())
         self.hold(still, off_s + after_s)
-        taken, answers = list(self.eye.taken), list(self._answers)
-        if not taken:
-            raise IdentificationError(f"no picture was received: {self.eye.problem or 'the stream is stalled'}")
-        stamps = np.array([each[0] for each in taken])
-        seen = Pulse(step, on_s, off_s, stamps, np.full(stamps.size, np.nan))
-        reported = Pulse(step, on_s, off_s, np.array([a[0] for a in answers]), np.array([a[1][axis] for a in answers]))
-        return seen, reported, [each[1] for each in taken]
+        if not self.taken:
+            raise IdentificationError(f"no picture was received: {self.problem or 'the stream is stalled'}")
+        stamps, greys = zip(*self.taken, strict=True)
+        times_s, angles_rad = np.array([t for t, _ in self._answers]), np.array([q[axis] for _, q in self._answers])
+        return Pulse(step, on_s, off_s, times_s, angles_rad), np.array(stamps), greys
 
 
-def _angles(turning: Turning, pulse: Pulse, greys: Sequence[Any], most_rad: float) -> Pulse:
-    odometer = Odometer(turning, most_rad)
-    return replace(pulse, angle_rad=np.array([odometer.add(grey) for grey in greys]))
-
-
-def _fov_rad(found: Sequence[tuple[Pulse, Pulse, list[Any]]], guess_rad: float) -> float | None:
+def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_rad: float) -> float | None:
     """Lens angle from the ratio of rotations by pictures and by position feedback; None without feedback."""
     height, width = found[0][2][0].shape
     focal_px = 0.5 * width / math.tan(0.5 * guess_rad)
     for _ in range(3):
         turning, ratios = Turning("pan", 2.0 * math.atan(0.5 * width / focal_px), width, height), []
-        for _, reported, greys in found:
+        for reported, _, greys in found:
             if reported.angle_rad.size > 1:
-                turned_rad = turning.between(turning.flat(greys[0]), turning.flat(greys[-1]))
-                ratios.append(abs(turned_rad / (reported.angle_rad[-1] - reported.angle_rad[0])))
+                moved_rad = turning.between(turning.flat(greys[0]), turning.flat(greys[-1]))
+                ratios.append(abs(moved_rad / (reported.angle_rad[-1] - reported.angle_rad[0])))
         if not ratios:
             return None
         # To first order, angle = pixels / focal length.
@@ -187,16 +171,16 @@ def identify_from_picture(
     commanded = _commanded(robot, neck)
     with closing(make_robot(robot, options, commanded, clock, neck.rest_rad, 0)) as ready:
         ready.connect()
-        eye = _FrameGrabber(open_pictures(picture_url() if address == EMULATOR else address, camera), clock)
-        thread = threading.Thread(target=eye.work, name="pictures", daemon=True)
-        thread.start()
+        pictures = open_pictures(picture_url() if address == EMULATOR else address, camera)
+        executor = _Pulser(ready, pictures, clock)
+        threading.Thread(target=executor.work, name="pictures", daemon=True).start()
         try:
-            while not eye.taken and not eye.problem:
+            while not executor.taken and not executor.problem:
                 time.sleep(_TICK_S)
-            view_rad, axes = _measured(_Pulser(ready, eye, clock), camera, neck, commanded, delay_max_s, progress)
+            view_rad, axes = _measured(executor, camera.fov_deg, neck, commanded, delay_max_s, progress)
         finally:
-            eye.closing = True
-            eye.pictures.close()
+            executor.closing = True
+            pictures.close()
     origin = f"robot {robot}, its picture"
     print(turned_table(axes, view_rad[0]))
     for axis in axes:
@@ -210,13 +194,13 @@ def identify_from_picture(
 
 def _measured(
     executor: _Pulser,
-    camera: CameraOptions,
+    fov_deg: float | None,
     neck: NeckSpec,
     commanded: NeckSpec,
     delay_max_s: float,
     progress: Progress,
 ) -> tuple[tuple[float, float], list[TurnedAxis]]:
-    guess_rad = math.radians(camera.fov_deg or LIKELY_FOV_DEG)
+    guess_rad = math.radians(fov_deg or LIKELY_FOV_DEG)
     after_s = delay_max_s + 0.5
     # First pass: lens angle, and approximate delay of the picture.
     plans = [_steps(axis) for axis in commanded.axes]
@@ -228,7 +212,9 @@ def _measured(
     fov_rad = _fov_rad(tried, guess_rad) or guess_rad
     height, width = tried[0][2][0].shape
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
-    rough = estimate_turns([_angles(turnings[0], p, greys, _KEY_SHARE * fov_rad) for p, _, greys in tried], delay_max_s)
+    most_rad = _KEY_SHARE * fov_rad
+    seen = [replace(p, time_s=t, angle_rad=turned_rad(turnings[0], greys, most_rad)) for p, t, greys in tried]
+    rough = estimate_turns(seen, delay_max_s)
     after_s = rough.delay_s.value + 4.0 / rough.natural_frequency_rad_s.value + 0.5
     found: list[TurnedAxis] = []
     for index, name in enumerate(AXES):
@@ -237,8 +223,9 @@ def _measured(
         for step, speed_rad_s in enumerate(plans[index], start=1):
             for way in (1, -1):
                 lasts_s = _lasts_s(nominal[index][step - 1], view_rad)
-                pulse, answers, greys = executor.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
-                seen.append(_angles(turnings[index], pulse, greys, _KEY_SHARE * view_rad))
+                answers, stamps, greys = executor.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
+                angle_rad = turned_rad(turnings[index], greys, _KEY_SHARE * view_rad)
+                seen.append(replace(answers, time_s=stamps, angle_rad=angle_rad))
                 if answers.time_s.size:
                     reported.append(answers)
             progress.at((index + step / len(plans[index])) / len(plans))

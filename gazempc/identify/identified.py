@@ -22,15 +22,7 @@ from gazempc.parts import split_address
 from gazempc.results.table import aligned
 from gazempc.robots.options import OnvifOptions, RobotOptions, ViscaOptions
 
-_LINE_STYLES: tuple[dict[str, Any], ...] = (
-    {"label": "command sent", "color": "0.55", "lw": 1.2, "drawstyle": "steps-post"},
-    {"label": "measured", "color": "#E69F00", "lw": 3.6},
-    {"label": "fitted model, from the commands alone", "color": "#00405F", "lw": 1.2, "ls": (0, (5, 1.5))},
-)
-_DPI = 110
 _DETAIL_S = 4.0
-# Number of joints side by side in a terminal.
-_JOINTS_PER_TABLE = 2
 
 
 def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
@@ -43,13 +35,11 @@ def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
     Returns:
         Text of several lines.
     """
-    pairs = (estimates[k : k + _JOINTS_PER_TABLE] for k in range(0, len(estimates), _JOINTS_PER_TABLE))
-    return "\n\n".join(_table(pair, neck) for pair in pairs)
+    return "\n\n".join(_table(estimates[k : k + 2], neck) for k in range(0, len(estimates), 2))
 
 
 def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
-    head = ["", *(text for e in estimates for text in (f"{e.axis}, identified", f"{e.axis}, neck {neck.name}"))]
-    lines = [head]
+    lines = [["", *(text for e in estimates for text in (f"{e.axis}, identified", f"{e.axis}, neck {neck.name}"))]]
     for label, name, factor, digits in (
         ("dead time (ms)", "dead_time_s", 1e3, 1),
         ("natural frequency (rad/s)", "natural_frequency_rad_s", 1.0, 2),
@@ -115,32 +105,30 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
         title: Title of the figure.
         path: Picture to write.
     """
-    figure = Figure(figsize=(max(6.4, 5.6 * len(estimates)), 7.6), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(max(6.4, 5.6 * len(estimates)), 7.6), dpi=110, layout="constrained")
     columns = figure.subplots(3, len(estimates), squeeze=False, height_ratios=(3, 3, 1.6)).T
     start_s, names = float(record.command_time_s[0]), record.neck().joint_names
     for rows, e in zip(columns, estimates, strict=True):
         command_deg = np.rad2deg(record.command_rad[:, names.index(e.axis)])
-        from_s = _busiest_s(e)
-        angles_deg = (command_deg, np.rad2deg(e.measured_rad), np.rad2deg(e.model_rad))
+        measured_deg, model_deg = np.rad2deg(e.measured_rad), np.rad2deg(e.model_rad)
+        sent_s, time_s, from_s = record.command_time_s - start_s, e.time_s - start_s, _busiest_s(e) - start_s
         for ax in rows[:2]:
-            for times_s, shown_deg, style in zip(
-                (record.command_time_s, e.time_s, e.time_s), angles_deg, _LINE_STYLES, strict=True
-            ):
-                ax.plot(times_s - start_s, shown_deg, **style)
+            ax.plot(sent_s, command_deg, label="command sent", color="0.55", lw=1.2, drawstyle="steps-post")
+            ax.plot(time_s, measured_deg, label="measured", color="#E69F00", lw=3.6)
+            fitted = "fitted model, from the commands alone"
+            ax.plot(time_s, model_deg, label=fitted, color="#00405F", lw=1.2, ls=(0, (5, 1.5)))
             ax.set_ylabel("angle (deg)")
-        end_s = float(e.time_s[-1]) - start_s
-        rows[0].set(xlim=(0.0, end_s))
+        rows[0].set(xlim=(0.0, time_s[-1]))
         rows[0].set_title(
             f"{e.axis}: dead time {e.dead_time_s.shown(1e3, 1)} ms\n"
             f"bandwidth {e.bandwidth_hz.shown(1.0, 2)} Hz, damping {e.damping_ratio.shown(1.0, 2)}, "
             f"fit {e.fit_percent:.1f} %",
             fontsize="medium",
         )
-        rows[0].axvspan(from_s - start_s, from_s - start_s + _DETAIL_S, color="0.93", lw=0, zorder=0.5)
-        rows[1].set(xlim=(from_s - start_s, from_s - start_s + _DETAIL_S), facecolor="0.97")
-        residual_deg = np.rad2deg(e.measured_rad - e.model_rad)
-        rows[2].plot(e.time_s - start_s, residual_deg, color="k", lw=0.7)
-        rows[2].set(xlim=(0.0, end_s), xlabel="time (s)", ylabel="difference (deg)")
+        rows[0].axvspan(from_s, from_s + _DETAIL_S, color="0.93", lw=0, zorder=0.5)
+        rows[1].set(xlim=(from_s, from_s + _DETAIL_S), facecolor="0.97")
+        rows[2].plot(time_s, measured_deg - model_deg, color="k", lw=0.7)
+        rows[2].set(xlim=(0.0, time_s[-1]), xlabel="time (s)", ylabel="difference (deg)")
         for ax in rows:
             ax.grid(color="0.9", lw=0.6)
         rows[1].set_title(f"the shaded {_DETAIL_S:g} s in detail", loc="left", fontsize="small")
@@ -148,7 +136,7 @@ def draw(record: NeckRecord, estimates: Sequence[AxisEstimate], title: str, path
     handles = columns[0][0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False)
     figure.suptitle(title, fontsize="medium")
-    figure.savefig(path, dpi=_DPI)
+    figure.savefig(path)
 
 
 def _busiest_s(e: AxisEstimate) -> float:

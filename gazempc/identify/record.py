@@ -180,9 +180,9 @@ def _undisturbed() -> Iterator[None]:
 
 
 def _stop(robot: Robot, clock: Clock, neck: NeckSpec, sent_rad: FloatArray) -> None:
-    last = np.concatenate([np.repeat(sent_rad[:1], 3, axis=0), sent_rad])[-3:]
     start_s = clock.now_s()
-    for i, position_rad in enumerate(brake(neck, last)):
+    # Before the first command the neck was at rest.
+    for i, position_rad in enumerate(brake(neck, np.pad(sent_rad, ((3, 0), (0, 0)), mode="edge")[-3:])):
         clock.sleep_until_s(start_s + i * neck.servo_period_s)
         robot.send_command(position_rad)
 
@@ -199,9 +199,8 @@ def load_record(path: Path | str) -> NeckRecord:
     Raises:
         SettingsError: If the file is missing or neither of them.
     """
-    values = read_arrays(path)
-    wanted = [f.name for f in fields(NeckRecord)]
-    if all(name in values for name in wanted):
+    values, wanted = read_arrays(path), {f.name for f in fields(NeckRecord)}
+    if wanted <= values.keys():
         return _record(path, {name: values[name] for name in wanted})
     log = load_log(path)
     # The log has one row per tick, with NaN for missing readings.

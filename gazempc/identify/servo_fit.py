@@ -16,8 +16,6 @@ from gazempc.types import FloatArray
 
 # Two-sided 95 % of a normal distribution.
 Z_95 = 1.959964
-# Order of the autoregression of residuals: white encoder noise plus slowly varying friction needs more than one.
-_ORDER = 4
 
 
 @dataclass(frozen=True)
@@ -75,11 +73,11 @@ def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int 
         Shape (p, p); `Z_95` standard deviations are half the 95 % interval.
     """
     n, p = jacobian.shape
-    inverse = np.linalg.pinv(_products(jacobian, jacobian))
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
     spread = n / max(n - p, 1)
     # Decorrelate (whiten) the errors of one time.
     errors = residual.reshape(-1, channels)
-    _, mixing = np.linalg.eigh(_products(errors, errors))
+    _, mixing = np.linalg.eigh(errors.T @ errors)
     rows = np.einsum("tcp,cd->dtp", jacobian.reshape(-1, channels, p), mixing)
     meat = sum(_of_stationary(row, error) for row, error in zip(rows, (errors @ mixing).T, strict=True))
     correlated = spread * inverse @ meat @ inverse
@@ -95,7 +93,8 @@ def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int 
 def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
     """Covariance of ``jacobian.T @ error`` for errors with the spectrum of an autoregression, shape (p, p)."""
     count = len(error)
-    order = min(_ORDER, count // 8)
+    # Order of the autoregression of residuals: white encoder noise plus slowly varying friction needs more than one.
+    order = min(4, count // 8)
     # Zero padding to twice the length, against circular correlation.
     power = np.abs(np.fft.rfft(error, 2 * count)) ** 2
     autocovariance = np.fft.irfft(power)[: order + 1] / count
@@ -108,16 +107,6 @@ def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
     transformed = np.fft.rfft(jacobian, 2 * count, axis=0)
     products: FloatArray = np.einsum("f,fj,fk->jk", spectrum, transformed.conj(), transformed).real
     return products / (2 * count)
-
-
-def _products(a: FloatArray, b: FloatArray) -> FloatArray:
-    # Matrix product of long thin matrices on one thread: the overhead of several threads is larger.
-    return np.asarray(np.einsum("ij,ik->jk", a, b))
-
-
-_FINEST_S = 0.002
-# Extension of the grid beyond the last reading, for slightly negative dead times during the fit.
-_BEYOND_S = 0.2
 
 
 class ServoModel:
@@ -135,11 +124,12 @@ class ServoModel:
     def __init__(self, command_time_s: FloatArray, command_rad: FloatArray, time_s: FloatArray) -> None:
         period_s = float(np.median(np.diff(command_time_s)))
         # An integer fraction of the period: regular command times are on the grid.
-        self._step_s = period_s / np.ceil(period_s / _FINEST_S - 1e-9)
+        self._step_s = period_s / np.ceil(period_s / 0.002 - 1e-9)
         self._first_rad = float(command_rad[0])
         self._since_s = time_s - command_time_s[0]
         self._from_first_s = time_s - time_s[0]
-        cells = int(np.ceil((self._since_s[-1] + _BEYOND_S) / self._step_s)) + 2
+        # Extension of the grid beyond the last reading, for slightly negative dead times during the fit.
+        cells = int(np.ceil((self._since_s[-1] + 0.2) / self._step_s)) + 2
         self._grid_s = np.arange(cells + 1) * self._step_s
         # Means over the cells from the integral of the held command: exact also for irregular command times.
         knots_s = np.append(command_time_s - command_time_s[0], max(self._grid_s[-1], self._since_s[-1]) + period_s)

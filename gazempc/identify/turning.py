@@ -25,10 +25,6 @@ from gazempc.types import FloatArray
 _LEAST_CONTRAST = 4.0
 # Largest median difference of two registered pictures, in standard deviations; above it they do not overlap.
 _LARGEST_ERROR = 0.35
-# Gauss-Newton steps of the subpixel registration.
-_STEPS = 5
-# Number of candidates: a correlation peak is two or three columns wide, and a moving person may cause another one.
-_PEAKS = 12
 # Largest shift, as a share of the picture: beyond it the overlap is too small.
 _LARGEST_SHIFT = 0.45
 # Standard deviation of the time at which a device receives a command.
@@ -102,7 +98,9 @@ class Turning:
         surface = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-9), one.shape)
         # Rotation about this axis causes no transverse shift.
         profile, columns = surface[[-1, 0, 1]].max(axis=0), one.shape[1]
-        highest = np.argsort(profile)[-_PEAKS:]
+        # Number of candidates: a correlation peak is two or three columns wide, and a moving person may cause another
+        # one.
+        highest = np.argsort(profile)[-12:]
         return [start_px + int((k + columns // 2) % columns - columns // 2) for k in highest]
 
     def _refined(self, before: Any, after: Any, whole_px: int) -> float:
@@ -110,7 +108,8 @@ class Turning:
         cv2 = self._cv2
         one, other = _common(cv2.GaussianBlur(before, (0, 0), 1.5), cv2.GaussianBlur(after, (0, 0), 1.5), whole_px)
         part_px = 0.0
-        for _ in range(_STEPS):
+        # Gauss-Newton steps of the subpixel registration.
+        for _ in range(5):
             moved = cv2.warpAffine(other, np.array([[1.0, 0.0, -part_px], [0.0, 1.0, 0.0]]), other.shape[::-1])
             slope = 0.25 * (np.gradient(one, axis=1) + np.gradient(moved, axis=1))[4:-4, 4:-4]
             error = (one - moved)[4:-4, 4:-4]
@@ -128,33 +127,27 @@ def _common(before: Any, after: Any, whole_px: int) -> tuple[Any, Any]:
     return one, after[:, max(whole_px, 0) : columns + min(whole_px, 0)]
 
 
-class Odometer:
-    """Visual odometry over a stream of pictures, with key frames: drift accumulates only at changes of the key frame.
+def turned_rad(turning: Turning, greys: Sequence[Any], most_rad: float) -> FloatArray:
+    """Visual odometry over pictures, with key frames: drift accumulates only at changes of the key frame.
 
     Args:
         turning: Measures the rotation between two pictures.
+        greys: The N pictures, grey.
         most_rad: Rotation beyond which a new key frame is taken.
+
+    Returns:
+        The rotation since the first picture, shape (N,), radians; NaN for an invalid picture, such as a blurred one.
     """
-
-    def __init__(self, turning: Turning, most_rad: float) -> None:
-        self._turning, self._most_rad = turning, most_rad
-        self._key: Any = None
-        self._key_rad = self._last_rad = self._rate_rad = 0.0
-
-    def add(self, grey: Any) -> float:
-        """The rotation since the first picture, radians; NaN for an invalid picture, such as a blurred one."""
-        flat = self._turning.flat(grey)
-        if self._key is None:
-            self._key = flat
-            return 0.0
-        moved_rad = self._turning.between(self._key, flat, self._last_rad + self._rate_rad - self._key_rad)
-        if math.isnan(moved_rad):
-            return math.nan
-        now_rad = self._key_rad + moved_rad
-        self._rate_rad, self._last_rad = now_rad - self._last_rad, now_rad
-        if abs(moved_rad) > self._most_rad:
-            self._key, self._key_rad = flat, now_rad
-        return now_rad
+    key, found_rad = turning.flat(greys[0]), [0.0]
+    key_rad = last_rad = rate_rad = 0.0
+    for flat in map(turning.flat, greys[1:]):
+        moved_rad = turning.between(key, flat, last_rad + rate_rad - key_rad)
+        found_rad.append(key_rad + moved_rad)
+        if not math.isnan(moved_rad):
+            rate_rad, last_rad = found_rad[-1] - last_rad, found_rad[-1]
+        if abs(moved_rad) > most_rad:
+            key, key_rad = flat, last_rad
+    return np.array(found_rad)
 
 
 @dataclass(frozen=True)
@@ -216,7 +209,7 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     if not used:
         raise IdentificationError("no pulse has enough pictures that can be compared: more light, less blur")
 
-    def solved(values: FloatArray) -> tuple[list[FloatArray], list[float]]:
+    def solved(values: Sequence[float] | FloatArray) -> tuple[list[FloatArray], list[float]]:
         residuals, speeds = [], []
         for pulse, time_s, angle_rad in used:
             since_s = time_s - values[0]
@@ -227,16 +220,19 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
             speeds.append(float(found[1]))
         return residuals, speeds
 
+    def residual(values: Sequence[float] | FloatArray) -> FloatArray:
+        return np.concatenate(solved(values)[0])
+
     starts = [(delay_s, math.log(lag)) for delay_s in np.arange(0.05, delay_max_s, 0.2) for lag in (8.0, 30.0)]
-    scanned = sorted(starts, key=lambda values: float(np.sum(np.concatenate(solved(np.array(values))[0]) ** 2)))
+    scanned = sorted(starts, key=lambda values: float(np.sum(residual(values) ** 2)))
     low, high = (-0.05, math.log(_LAG_RAD_S[0])), (delay_max_s + 0.2, math.log(_LAG_RAD_S[1]))
-    best = fit(lambda values: np.concatenate(solved(values)[0]), scanned[:2], low, high)
+    best = fit(residual, scanned[:2], low, high)
     # Refit without outliers from wrong registrations.
     least_rad = 4.0 * 1.48 * float(np.median(np.abs(best.residual))) + 1e-4
     fine = [np.abs(own) <= least_rad for own in solved(best.values)[0]]
     kept = [(p, time_s[f], angle_rad[f]) for (p, time_s, angle_rad), f in zip(used, fine, strict=True)]
     used = [each for each in kept if each[1].size >= _FEWEST]
-    best = fit(lambda values: np.concatenate(solved(values)[0]), [tuple(best.values)], low, high)
+    best = fit(residual, [tuple(best.values)], low, high)
     residuals, speeds = solved(best.values)
     noise_rad = float(np.sqrt(np.mean(best.residual**2)))
     if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([a - a.mean() for *_, a in used]) ** 2))):
@@ -249,7 +245,11 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     return TurnEstimate(
         delay_s=Interval.around(best.values[0], wide[0]),
         natural_frequency_rad_s=Interval(wn, wn * math.exp(-wide[1]), wn * math.exp(wide[1])),
-        speeds_rad_s={step: _mean(each) for step, each in sorted(found.items())},
+        # The median is robust to single pulses with motion in the scene.
+        speeds_rad_s={
+            step: Interval.around(np.median(speeds), Z_95 * max(sds) / math.sqrt(len(sds)))
+            for step, (speeds, sds) in sorted((step, zip(*each, strict=True)) for step, each in found.items())
+        },
         residual_deg=math.degrees(noise_rad),
     )
 
@@ -263,22 +263,14 @@ def _speed(
 
     def residuals(values: FloatArray) -> FloatArray:
         first_rad, speed, on_s, off_s = values
-        turned_rad = speed * (_ramp(since_s - pulse.on_s - on_s, wn) - _ramp(since_s - pulse.off_s - off_s, wn))
+        pulse_rad = speed * (_ramp(since_s - pulse.on_s - on_s, wn) - _ramp(since_s - pulse.off_s - off_s, wn))
         return np.append(
-            (angle_rad - first_rad - turned_rad) / noise_rad, (on_s / _SEND_JITTER_S, off_s / _SEND_JITTER_S)
+            (angle_rad - first_rad - pulse_rad) / noise_rad, (on_s / _SEND_JITTER_S, off_s / _SEND_JITTER_S)
         )
 
-    own = least_squares(residuals, (angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
-    jacobian = np.asarray(own.jac)
+    own: Any = least_squares(residuals, (angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
     spread = max(2.0 * own.cost / max(time_s.size - 2, 1), 1.0)
-    return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(jacobian.T @ jacobian)[1, 1]))
-
-
-def _mean(measured: Sequence[tuple[float, float]]) -> Interval:
-    # The median is robust to single pulses with motion in the scene.
-    values = np.array(measured)
-    value, sd = float(np.median(values[:, 0])), float(np.max(values[:, 1])) / math.sqrt(len(values))
-    return Interval.around(value, Z_95 * sd)
+    return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(own.jac.T @ own.jac)[1, 1]))
 
 
 def _ramp(time_s: FloatArray, wn: float) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gazempc.errors import RobotError, SettingsError
+from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.dynamixel_bus import DynamixelBus
 from gazempc.robots.options import DynamixelOptions
@@ -33,11 +33,8 @@ _PRESENT = (128, 8)  # Present Velocity and Position
 
 _TICKS_PER_TURN = 4096
 _TICKS_PER_RAD = _TICKS_PER_TURN / (2.0 * np.pi)
-_RAD_S_PER_UNIT = 0.229 * 2.0 * np.pi / 60.0
 _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
 
-# Reply timeout during set-up; later it is `reply_timeout_ms`.
-_CONNECT_WAIT_MS = 100.0
 # Period of retries after a timeout; calls in between fail at once.
 _RETRY_S = 0.1
 _LOST_TORQUE = "a motor has lost its torque; check its power supply"
@@ -87,7 +84,7 @@ class DynamixelNeck:
         self._tick_min, self._tick_max = np.ceil(ends.min(axis=0)), np.floor(ends.max(axis=0))
         self._connected = False
         self._ready = False
-        self._steps: Iterator[None] | None = None
+        self._steps: Iterator[bool] | None = None
         self._retry_at_s = -np.inf
         self._trouble = ""
         self._has_reply = False
@@ -105,12 +102,12 @@ class DynamixelNeck:
         """
         if self._connected:
             return
-        self._bus.load()
-        self._bus.wait_ms = max(self._reply_timeout_ms, _CONNECT_WAIT_MS)
+        # During set-up motors may reply later.
+        self._bus.wait_ms = max(self._reply_timeout_ms, 100.0)
         try:
             for _ in self._set_up():
                 pass
-        except RobotError:
+        except GazempcError:
             self._drop_port()
             raise
         except Exception as error:
@@ -172,17 +169,14 @@ class DynamixelNeck:
                     return exchange()
             except Exception as error:
                 fault = error if isinstance(error, RobotError) else self._port_error(error)
-                self._failed(fault)
+                if self._steps is not None:
+                    self._drop_port()
+                # The first retry is immediate: single losses are the most frequent failure.
+                self._retry_at_s = -np.inf if self._ready else self._clock_s() + _RETRY_S
+                self._ready = self._has_reply = False
+                self._trouble = str(fault)
                 raise fault from error.__cause__ if fault is error else error
             raise RobotError(f"{self._trouble} (it is being set up again)")
-
-    def _failed(self, error: RobotError) -> None:
-        if self._steps is not None:
-            self._drop_port()
-        # The first retry is immediate: single losses are the most frequent failure.
-        self._retry_at_s = -np.inf if self._ready else self._clock_s() + _RETRY_S
-        self._ready = self._has_reply = False
-        self._trouble = str(error)
 
     def _recover(self) -> bool:
         """Execute one step of the recovery; True after the last one."""
@@ -192,38 +186,36 @@ class DynamixelNeck:
                 return True
             self._trouble = f"{self._bus.line}: {_LOST_TORQUE}"
         self._steps = self._steps or self._set_up()
-        try:
-            next(self._steps)
-        except StopIteration:
+        self._ready = next(self._steps, True)
+        if self._ready:
             self._steps = None
-            self._ready = True
         return self._ready
 
-    def _set_up(self) -> Iterator[None]:
-        """Find the motors and enable torque at the present positions; at most one exchange between two yields."""
+    def _set_up(self) -> Iterator[bool]:
+        """Find the motors and enable torque at the present positions; at most one exchange before each yield."""
         if not self._bus.is_open:
             self._bus.open()
         for i in range(len(self._ids)):
             self._bus.ping(i)
-            yield
+            yield False
         modes = [answer[0] for answer in self._read(_MODE)]
         for i, mode in enumerate(modes):
             if mode not in (_POSITION_MODE, _EXTENDED_POSITION_MODE):
                 needed = f"{_POSITION_MODE} (position) or {_EXTENDED_POSITION_MODE} (extended position)"
                 raise RobotError(f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {needed}")
-        yield
+        yield False
         for i, answer in enumerate(self._read(_RANGE)):
             high, low = struct.unpack("<ii", answer)
             if modes[i] == _POSITION_MODE and not low <= self._tick_min[i] <= self._tick_max[i] <= high:
                 needed = f"the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks"
                 raise RobotError(f"{self._bus.motor(i)}: {needed}, but the Position Limits (52, 48) are {low}..{high}")
-        yield
+        yield False
         holds = self._torque_is_on()
-        yield
+        yield False
         present = [struct.unpack("<ii", answer)[1] for answer in self._read(_PRESENT)]
         # With torque off the position is multi-turn; with torque on in position mode it is within one turn.
         goals = [p % _TICKS_PER_TURN if m == _POSITION_MODE else p for p, m in zip(present, modes, strict=True)]
-        yield
+        yield False
         unlimited = bytes(_PROFILE[1])
         if holds.any():
             self._bus.write(_PROFILE, {m: unlimited for m, on in zip(self._ids, holds, strict=True) if on})
@@ -236,7 +228,7 @@ class DynamixelNeck:
             if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
                 hint = "is it inside its Position Limits (52, 48)?"
                 raise RobotError(f"{self._bus.motor(i)}: did not accept profile 0 and its goal: {hint}")
-        yield
+        yield False
         self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
         for i, on in enumerate(self._torque_is_on()):
             if not on:
@@ -251,7 +243,8 @@ class DynamixelNeck:
         answers = np.array([struct.unpack("<ii", answer) for answer in self._read(_PRESENT)], dtype=np.float64)
         time_s = 0.5 * (before_s + self._clock_s())
         position_rad = self._direction * (answers[:, 1] - self._zero) / _TICKS_PER_RAD
-        return JointState(time_s, position_rad, self._direction * answers[:, 0] * _RAD_S_PER_UNIT)
+        # Present Velocity is in units of 0.229 rev/min.
+        return JointState(time_s, position_rad, self._direction * answers[:, 0] * (0.229 * 2.0 * np.pi / 60.0))
 
     def _send(self, ticks: FloatArray) -> FloatArray:
         if not self._has_reply and not self._torque_is_on().all():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -11,23 +10,11 @@ from gazempc.errors import RobotError, importing
 # Part of the control table: address, bytes.
 _HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
 _ALERT = 0x80
-_HARDWARE_ERRORS = {
-    0: "input voltage",
-    1: "motor hall sensor",
-    2: "overheating",
-    3: "motor encoder",
-    4: "electrical shock or insufficient power",
-    5: "overload",
-}
-# MX motors with protocol 2.0 have the same control table; XL-320, P and PRO have others.
-_MX_MODELS = (30, 311, 321)
-_X_MODELS = range(1000, 2000)
-
-# Bytes of an instruction, sent before the reply.
-_INSTRUCTION_BYTES = 30
-_POLL_S = 0.5e-3
-# Timeout of writing; reached only if the adapter accepts no bytes.
-_WRITE_S = 0.05
+# By bit of the Hardware Error Status.
+_HARDWARE_ERRORS = (
+    *("input voltage", "motor hall sensor", "overheating", "motor encoder"),
+    *("electrical shock or insufficient power", "overload"),
+)
 
 
 class DynamixelBus:
@@ -51,24 +38,21 @@ class DynamixelBus:
         self._packets: Any = None
         self._port: Any = None
 
-    def load(self) -> None:
-        """Load the library.
-
-        Raises:
-            MissingOptionalDependencyError: If dynamixel-sdk is not installed.
-        """
-        with importing("a Dynamixel neck", "dynamixel-sdk", "dynamixel"):
-            import dynamixel_sdk  # noqa: PLC0415  (optional)
-        self._sdk = dynamixel_sdk
-        self._packets = dynamixel_sdk.PacketHandler(2.0)
-
     @property
     def is_open(self) -> bool:
         """Whether the port is open."""
         return self._port is not None
 
     def open(self) -> None:
-        """Open the port with exclusive access; raises RobotError with what to check."""
+        """Open the port with exclusive access.
+
+        Raises:
+            MissingOptionalDependencyError: If dynamixel-sdk is not installed.
+            RobotError: If it cannot be opened; names what to check.
+        """
+        with importing("a Dynamixel neck", "dynamixel-sdk", "dynamixel"):
+            import dynamixel_sdk  # noqa: PLC0415  (optional)
+        self._sdk, self._packets = dynamixel_sdk, dynamixel_sdk.PacketHandler(2.0)
         port = self._port = self._sdk.PortHandler(self.port_name)
         hint = "check that it exists, that no other program has it, and that you may use it (group dialout)"
         try:
@@ -79,10 +63,12 @@ class DynamixelBus:
         except OSError as error:
             raise RobotError(f"{self.line}: cannot be opened ({error}): {hint}") from error
         # The library busy-waits, with a timeout of 34 ms: seven ticks.
-        port.ser.timeout = _POLL_S
-        port.ser.write_timeout = _WRITE_S
+        port.ser.timeout = 0.5e-3
+        # Reached only if the adapter accepts no bytes.
+        port.ser.write_timeout = 0.05
+        # An instruction of up to 30 bytes is sent before the reply.
         port.setPacketTimeout = lambda length: port.setPacketTimeoutMillis(
-            self.wait_ms + (length + _INSTRUCTION_BYTES) * port.tx_time_per_byte
+            self.wait_ms + (length + 30) * port.tx_time_per_byte
         )
 
         def read_in_time(length: int) -> bytes:
@@ -114,7 +100,8 @@ class DynamixelBus:
         model, result, error = self._packets.ping(self._port, self._ids[i])
         self._require(i, result)
         self._refuse_error(i, error)
-        if model not in _X_MODELS and model not in _MX_MODELS:
+        # X motors, and MX motors with protocol 2.0, have this control table; XL-320, P and PRO have others.
+        if model not in (*range(1000, 2000), 30, 311, 321):
             raise RobotError(f"{self.motor(i)}: model {model} is no X motor (nor MX with protocol 2.0); check the id")
 
     def write(self, part: tuple[int, int], values: dict[int, bytes]) -> None:
@@ -129,12 +116,12 @@ class DynamixelBus:
 
     def read(self, part: tuple[int, int]) -> list[bytes]:
         """Read the same part of all motors; raises if a reply is missing or invalid, or a motor has an error."""
-        answers = self._sync_read(part, range(len(self._ids)))
+        answers = self._sync_read(part, *range(len(self._ids)))
         for i, (_, error) in enumerate(answers):
             self._refuse_error(i, error)
         return [data for data, _ in answers]
 
-    def _sync_read(self, part: tuple[int, int], axes: Sequence[int]) -> list[tuple[bytes, int]]:
+    def _sync_read(self, part: tuple[int, int], *axes: int) -> list[tuple[bytes, int]]:
         self._port.is_using = False
         group = self._sdk.GroupSyncRead(self._port, self._packets, *part)
         for i in axes:
@@ -163,8 +150,8 @@ class DynamixelBus:
 
     def _refuse_error(self, i: int, error: int) -> None:
         if error & _ALERT:
-            status = self._sync_read(_HARDWARE_ERROR, (i,))[0][0][2]
-            names = [name for bit, name in _HARDWARE_ERRORS.items() if status >> bit & 1]
+            status = self._sync_read(_HARDWARE_ERROR, i)[0][0][2]
+            names = [name for bit, name in enumerate(_HARDWARE_ERRORS) if status >> bit & 1]
             what = ", ".join(names) or f"status {status:#04x}"
             raise RobotError(f"{self.motor(i)}: hardware error: {what}; remove the cause, then switch it off and on")
         if error:

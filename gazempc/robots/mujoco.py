@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,19 +38,13 @@ class MujocoNeck:
     def __init__(
         self, neck: NeckSpec, clock_s: Callable[[], float], position_rad: FloatArray | None = None, seed: int = 0
     ) -> None:
-        self._neck = neck
+        self._neck, self._clock_s, self._step_s = neck, clock_s, timestep_s(neck)
         self._start_rad = np.asarray(neck.rest_rad if position_rad is None else position_rad, dtype=np.float64)
-        self._clock_s = clock_s
-        self._step_s = timestep_s(neck)
-        self._steps = 0
-        self._start_s = 0.0
+        self._start_s, self._steps = 0.0, 0
         self._load_rad = np.deg2rad([axis.load_offset_deg for axis in neck.axes])
         self._noise_rad = np.deg2rad([axis.encoder_noise_deg for axis in neck.axes])
-        speeds, most_rad_s = neck.speed_joints, neck.velocity_max_rad_s
-        self._sendable = (
-            np.where(speeds, -most_rad_s, neck.position_min_rad),
-            np.where(speeds, most_rad_s, neck.position_max_rad),
-        )
+        ends_rad, most_rad_s = (neck.position_min_rad, neck.position_max_rad), neck.velocity_max_rad_s
+        self._sendable = np.where(neck.speed_joints, (-most_rad_s, most_rad_s), ends_rad)
         self._rng = np.random.default_rng(seed)
         self._mujoco: Any = None
         self._model: Any = None
@@ -110,8 +105,7 @@ class MujocoNeck:
         true = self.true_state()
         if not self._neck.reports_joints:
             return None
-        noise_rad = self._rng.normal(0.0, self._noise_rad) if self._noise_rad.any() else 0.0
-        return JointState(true.time_s, true.position_rad + noise_rad, true.velocity_rad_s)
+        return replace(true, position_rad=true.position_rad + self._rng.normal(0.0, self._noise_rad))
 
     def true_state(self) -> JointState:
         """True joint state; raises as `read_state`."""

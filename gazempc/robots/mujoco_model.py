@@ -23,9 +23,6 @@ _EYE_KG_M2 = 0.4 * _EYE_KG * _EYE_RADIUS_M**2
 # Large enough that head motion hardly turns the body.
 _TORSO_KG = 10.0
 _TORSO_KG_M2 = 0.5
-_LARGEST_STEP_S = 1e-3
-# Largest step times natural frequency, for accuracy and stability.
-_LARGEST_STEP_RAD = 0.02
 
 
 def timestep_s(neck: NeckSpec) -> float:
@@ -38,7 +35,8 @@ def timestep_s(neck: NeckSpec) -> float:
         The step, seconds; smaller for a servo too fast for 1 ms.
     """
     fastest_rad_s = max(axis.natural_frequency_rad_s for axis in neck.axes)
-    largest_s = min(_LARGEST_STEP_S, _LARGEST_STEP_RAD / fastest_rad_s)
+    # Largest step times natural frequency, for accuracy and stability.
+    largest_s = min(1e-3, 0.02 / fastest_rad_s)
     return neck.servo_period_s / math.ceil(neck.servo_period_s / largest_s - 1e-9)
 
 
@@ -73,7 +71,7 @@ def neck_mjcf(neck: NeckSpec) -> str:
         f'    <general name="{name}" joint="{name}" {_servo(axis, kg_m2[name], step_s)}/>'
         for name, axis in zip(neck.joint_names, neck.axes, strict=True)
     )
-    body, end_of_body = _body(neck)
+    body = _body(neck)
     head_kg = _HEAD_KG - (0.0 if neck.eyes is None else _EYE_KG)
     return f"""<mujoco model={quoteattr(f"gazempc neck {neck.name}")}>
   <compiler angle="radian" autolimits="true"/>
@@ -98,7 +96,8 @@ def neck_mjcf(neck: NeckSpec) -> str:
     <light directional="true" pos="0 0 3" dir="-0.3 -0.2 -1"/>
     <geom name="floor" type="plane" pos="0 0 -1.2" size="5 5 0.1" material="floor"/>
     <geom name="column" type="cylinder" fromto="0 0 -1.2 0 0 -0.12" size="0.05" rgba="0.3 0.3 0.35 1"/>
-    <camera name="bystander" pos="1.2 0.7 0.25" mode="targetbody" target="head"/>{body}
+    <camera name="bystander" pos="1.2 0.7 0.25" mode="targetbody" target="head"/>
+    {body}
     <body name="yoke" gravcomp="1">
       <inertial pos="0 0 0" mass="{_YOKE_KG}" diaginertia="{_YOKE_KG_M2} {_YOKE_KG_M2} {_YOKE_KG_M2}"/>
       <joint name="pan" axis="0 0 1" {_joint(neck.pan)}/>
@@ -110,7 +109,8 @@ def neck_mjcf(neck: NeckSpec) -> str:
         <geom type="sphere" pos="{_vector((x - 0.08, y, z))}" size="{_HEAD_RADIUS_M}" rgba="0.9 0.9 0.9 1"/>
 {_eyes(neck)}
       </body>
-    </body>{end_of_body}
+    </body>
+    {"</body>" if body else ""}
   </worldbody>
   <actuator>
 {servos}
@@ -119,16 +119,14 @@ def neck_mjcf(neck: NeckSpec) -> str:
 """
 
 
-def _body(neck: NeckSpec) -> tuple[str, str]:
-    """Opening and closing elements of the body under the neck."""
+def _body(neck: NeckSpec) -> str:
+    """Opening elements of the body under the neck; empty without one."""
     if neck.body is None:
-        return "", ""
-    begin = f"""
-    <body name="torso" gravcomp="1">
+        return ""
+    return f"""<body name="torso" gravcomp="1">
       <inertial pos="0 0 -0.5" mass="{_TORSO_KG}" diaginertia="{_TORSO_KG_M2} {_TORSO_KG_M2} {_TORSO_KG_M2}"/>
       <joint name="{BODY_AXIS}" axis="0 0 1" {_joint(neck.body)}/>
       <geom type="box" pos="0 0 -0.35" size="0.09 0.16 0.2" rgba="0.5 0.5 0.6 1"/>"""
-    return begin, "\n    </body>"
 
 
 def _eyes(neck: NeckSpec) -> str:

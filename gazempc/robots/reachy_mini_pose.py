@@ -15,7 +15,6 @@ from gazempc.types import FloatArray
 # the SDK's own limits (pitch 40 deg, yaw 65 deg from the body).
 _TILT_RAD = np.deg2rad([-40.0, -36.0, -32.0, -28.0, -24.0, 31.0, 36.0, 40.0])
 _PAN_MAX_RAD = np.deg2rad([38.0, 47.0, 54.0, 61.0, 65.0, 65.0, 59.0, 53.5])
-_TURN_NOISE = 0.02
 
 
 def head_matrix(position_rad: FloatArray) -> FloatArray:
@@ -46,8 +45,8 @@ def head_angles(matrix: FloatArray) -> FloatArray:
         ValueError: If it is not a pose: wrong shape, not finite, not a rotation.
     """
     turn = matrix[:3, :3] if matrix.shape == (4, 4) else np.full((3, 3), np.nan)
-    # Negated, to refuse NaN.
-    if not (np.all(np.abs(turn @ turn.T - np.eye(3)) < _TURN_NOISE) and np.linalg.det(turn) > 0):
+    # With a tolerance for the noise of the daemon; negated, to refuse NaN.
+    if not (np.all(np.abs(turn @ turn.T - np.eye(3)) < 0.02) and np.linalg.det(turn) > 0):
         raise ValueError("not a pose")
     return pan_tilt_rad(turn[:, 0])
 

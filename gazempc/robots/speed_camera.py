@@ -28,8 +28,6 @@ _RENEW_S = 0.4
 _POLL_S, _POLL_ANSWERS = 0.1, 4.0
 # Time between two attempts after a fault.
 _RETRY_S = 0.3
-_STOP_ATTEMPTS = 3
-_JOIN_S = 5.0
 
 
 class SpeedDevice(Protocol):
@@ -171,8 +169,8 @@ class SpeedCamera:
         with self._wake:
             self._closing = True
             self._wake.notify()
-        thread.join(_JOIN_S)
-        for _ in range(_STOP_ATTEMPTS):
+        thread.join(5.0)
+        for _ in range(3):
             with contextlib.suppress(Exception):
                 self._device.drive(STILL)
                 break

@@ -19,21 +19,13 @@ from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Sum of the squares of the weights 1, -3, 3, -1.
 _THIRD = 20.0
-# Neighbouring third differences of white noise have a correlation of -0.75; of smooth motion 1.
-_HIDDEN = -0.375
 # Longest lag, seconds, and numbers of lags and correlation times in the grid.
 _LONGEST_S, _LAGS, _TIMES = 4.0, 16, 30
 # Number of blocks of the jackknife.
 _BLOCKS = 10
-# Significance threshold of the wander's variance, times white² / √N: 1 to 5 % false positives for N values.
-_SIGNIFICANT = 6.0
-# Least duration of the data, in correlation times of the wander.
-_CORRELATIONS = 8.0
 # Detection of jumps: window of the median, threshold in standard deviations, and least share of the jump's size in its
 # first step and in each of its frames. A person starts to move more slowly.
 _MEDIAN_S, _GATE, _STEP_SHARE = 3.0, 5.0, 0.5
-# Standard deviation of a normal distribution over its median absolute deviation.
-_NORMAL = 1.4826
 
 
 @dataclass(frozen=True)
@@ -101,7 +93,8 @@ def find_jumps(times_s: FloatArray, values: FloatArray, wanted: BoolArray) -> tu
     """
     window = 2 * int(0.5 * _MEDIAN_S / np.median(np.diff(times_s))) + 1
     aside = values - median_filter(values, (window, 1), mode="nearest")
-    gate = _GATE * _NORMAL * np.median(np.abs(aside[wanted]), axis=0)
+    # Standard deviation of a normal distribution over its median absolute deviation.
+    gate = _GATE * 1.4826 * np.median(np.abs(aside[wanted]), axis=0)
     steps = np.abs(np.diff(values, axis=0, prepend=values[:1]))
     calm, durations_s, sizes = wanted.copy(), [], []
     for first, last in runs(wanted & (np.abs(aside) > gate).any(axis=1)):
@@ -144,13 +137,16 @@ def measure_errors(times_s: FloatArray, values: FloatArray, used: BoolArray, sti
             squares.append(_in_blocks((values[lag:] - values[:-lag]) / np.sqrt(2.0), pairs, block))
             at_s.append(float(apart_s[pairs].mean()))
     white, wander, correlation_s = _jackknife(squares, at_s, period_s)
-    seen = wander.value > max(sway, np.sqrt(_SIGNIFICANT / np.sqrt(used.sum() * values.shape[1])) * white.value)
-    known = seen and used_s >= _CORRELATIONS * correlation_s.value
+    # Significance threshold of the wander's variance, times white² / √N: 1 to 5 % false positives for N values.
+    seen = wander.value > max(sway, np.sqrt(6.0 / np.sqrt(used.sum() * values.shape[1])) * white.value)
+    # Least duration of the data, in correlation times of the wander.
+    known = seen and used_s >= 8.0 * correlation_s.value
     if not known:
         # Third differences suppress the smooth sway of a person.
         white, *_ = _jackknife(squares[:1], at_s[:1], period_s)
     beside = whole[1:] & whole[:-1]
-    alike = float((thirds[1:] * thirds[:-1])[beside].sum()) > _HIDDEN * float((thirds[1:][beside] ** 2).sum())
+    # Neighbouring third differences of white noise have a correlation of -0.75; of smooth motion 1.
+    alike = float((thirds[1:] * thirds[:-1])[beside].sum()) > -0.375 * float((thirds[1:][beside] ** 2).sum())
     return Errors(
         white=white,
         wander=wander if known else None,
@@ -171,7 +167,7 @@ def _jackknife(squares: list[FloatArray], at_s: list[float], period_s: float) ->
 
     each = np.array([estimate(np.delete(sums, k, axis=2)) for k in range(_BLOCKS)])
     halves = Z_95 * np.sqrt((_BLOCKS - 1) * np.mean((each - each.mean(axis=0)) ** 2, axis=0))
-    return [Interval.around(float(v), float(half)) for v, half in zip(estimate(sums), halves, strict=True)]
+    return [Interval.around(value, half) for value, half in zip(estimate(sums), halves, strict=True)]
 
 
 def _in_blocks(differences: FloatArray, chosen: IntArray, block: IntArray) -> FloatArray:

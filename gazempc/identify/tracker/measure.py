@@ -9,8 +9,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from gazempc.identify.tracker.errors import Errors, Jumps, duration_s, find_jumps, measure_errors
 from gazempc.identify.tracker.read import HeadTrack
-from gazempc.identify.tracker.timing import FrameTimes, frame_times
-from gazempc.types import BoolArray, FloatArray
+from gazempc.types import BoolArray, FloatArray, IntArray
 
 # Window and limits for a person at rest; wider than a wander of 30 mm across the line of sight, or of 5 % of the range.
 _STILL_S = 4.0
@@ -23,10 +22,35 @@ _STILL_MIN_S = 8.0
 _SWAY_M = 0.01
 # Bounds of a plausible delay: a shorter one is due to the recorder, a longer one to different clocks.
 _DELAY_MIN_S, _DELAY_MAX_S = 0.005, 5.0
-# Least ratio of the sizes across and along the line of sight for a jump across it.
-_SIDEWAYS = 0.3
-# Threshold of the yaw change between frames for a flip.
-_FLIP_RAD = np.deg2rad(150.0)
+# Relative standard deviation of intervals above which the rate is irregular, unless successive intervals compensate
+# each other; and minimum gap of an irregular rate, periods.
+_IRREGULAR, _IRREGULAR_GAP = 0.25, 3.0
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """Rate, jitter and losses, from the stamps.
+
+    Attributes:
+        rate_hz: Frame rate without losses.
+        jitter_s: Standard deviation of the intervals without losses.
+        regular: Whether the rate is constant: a late frame makes the next interval shorter.
+        single_share: Share of single lost frames.
+        gaps_s: Durations of losses of two frames or more, shape (K,), seconds.
+        duration_s: Time from the first frame to the last, seconds.
+    """
+
+    rate_hz: float
+    jitter_s: float
+    regular: bool
+    single_share: float
+    gaps_s: FloatArray
+    duration_s: float
+
+    @property
+    def gap_interval_s(self) -> float:
+        """Mean time from the end of a gap to the start of the next; infinite without gaps."""
+        return float((self.duration_s - self.gaps_s.sum()) / self.gaps_s.size) if self.gaps_s.size else float("inf")
 
 
 @dataclass(frozen=True)
@@ -80,7 +104,8 @@ class TrackerErrors:
     def jumps_across(self) -> bool:
         """Whether jumps have a component across the line of sight, larger than a person's sway."""
         along_m, across_m = self.jump_sizes_m
-        return bool(along_m.size and np.median(across_m) > max(_SWAY_M, _SIDEWAYS * np.median(along_m)))
+        # Least ratio of the sizes across and along the line of sight for a jump across it.
+        return bool(along_m.size and np.median(across_m) > max(_SWAY_M, 0.3 * np.median(along_m)))
 
 
 def measure_tracker(track: HeadTrack) -> TrackerErrors:
@@ -92,9 +117,13 @@ def measure_tracker(track: HeadTrack) -> TrackerErrors:
     Returns:
         Its errors.
     """
-    values = _along_and_across(track.position_m)
-    times_s, range_m = track.times_s, np.exp(values[:, 0])
+    x, y, z = track.position_m.T
+    times_s, range_m, up = track.times_s, np.linalg.norm(track.position_m, axis=1), np.arctan2(z, np.hypot(x, y))
     middle_m = float(np.median(range_m))
+    # Great-circle angle of an azimuth change: times the cosine of the elevation.
+    left = np.unwrap(np.arctan2(y, x)) * np.cos(np.median(up))
+    # Logarithm of the range (changes are relative), and both angles of the bearing.
+    values = np.stack([np.log(range_m), left, up], axis=1)
     limits = np.array([max(_ALONG_SHARE, _ALONG_M / middle_m), _ACROSS_M / middle_m, _ACROSS_M / middle_m])
     stands = _stays(times_s, values, limits)
     still_s = duration_s(times_s, stands)
@@ -114,15 +143,6 @@ def measure_tracker(track: HeadTrack) -> TrackerErrors:
         pelvis_yaw=_yaw(times_s, track.pelvis_yaw_rad, stands),
         delay_s=None if track.delays_s is None else float(np.median(track.delays_s)),
     )
-
-
-def _along_and_across(position_m: FloatArray) -> FloatArray:
-    """Logarithm of the range (changes are relative), and both angles of the bearing, shape (N, 3)."""
-    x, y, z = position_m.T
-    up = np.arctan2(z, np.hypot(x, y))
-    # Great-circle angle of an azimuth change: times the cosine of the elevation.
-    left = np.unwrap(np.arctan2(y, x)) * np.cos(np.median(up))
-    return np.stack([np.log(np.linalg.norm(position_m, axis=1)), left, up], axis=1)
 
 
 def _stays(times_s: FloatArray, values: FloatArray, limits: FloatArray) -> BoolArray:
@@ -148,10 +168,67 @@ def _yaw(times_s: FloatArray, yaw_rad: FloatArray, stands: BoolArray) -> Errors 
     if known.mean() < 0.1 or known.sum() < 30:
         return None
     at_s, angle_rad = times_s[known], np.unwrap(yaw_rad[known])
-    if (np.abs(np.angle(np.exp(1j * np.diff(angle_rad)))) > _FLIP_RAD).any():
+    # Threshold of the yaw change between frames for a flip.
+    if (np.abs(np.angle(np.exp(1j * np.diff(angle_rad)))) > np.deg2rad(150.0)).any():
         # In twice the angle, half turns disappear.
         angle_rad = np.unwrap(2.0 * angle_rad) / 2.0
     values = angle_rad[:, None]
     stays = stands[known] & _stays(at_s, values, np.array([_YAW_RAD]))
     is_still = duration_s(at_s, stays) >= _STILL_MIN_S
     return measure_errors(at_s, values, stays if is_still else np.ones_like(stays), is_still)
+
+
+def frame_times(times_s: FloatArray) -> FrameTimes:
+    """Measure rate, jitter and losses.
+
+    Args:
+        times_s: Stamps, shape (N,), seconds, strictly increasing.
+
+    Returns:
+        Rate, jitter and losses.
+    """
+    intervals_s = np.diff(times_s)
+    duration_s = float(times_s[-1] - times_s[0])
+    period_s = float(np.median(intervals_s))
+    usual = intervals_s < _IRREGULAR_GAP * period_s
+    if _varies_freely(intervals_s, usual):
+        gaps_s = intervals_s[~usual] - period_s
+        kept_s = intervals_s[usual]
+        return FrameTimes(1.0 / float(kept_s.mean()), float(kept_s.std()), False, 0.0, gaps_s, duration_s)
+    missing = np.zeros(intervals_s.size, dtype=np.intp)
+    for _ in range(3):
+        missing = _missing(intervals_s, period_s)
+        # Mean over the track: late frames cancel out.
+        period_s = duration_s / float(intervals_s.size + missing.sum())
+    return FrameTimes(
+        1.0 / period_s,
+        float(intervals_s[missing == 0].std()),
+        True,
+        float((missing == 1).sum() / (times_s.size + missing.sum())),
+        np.asarray(missing[missing > 1] * period_s, dtype=np.float64),
+        duration_s,
+    )
+
+
+def _varies_freely(intervals_s: FloatArray, usual: BoolArray) -> bool:
+    kept_s = intervals_s[usual]
+    if kept_s.std() < _IRREGULAR * kept_s.mean():
+        return False
+    # Intervals with losses at a constant rate are integer multiples of the period.
+    periods = kept_s / np.quantile(kept_s, 0.2)
+    if np.abs(periods - np.rint(periods)).mean() < 0.1:
+        return False
+    beside = usual[1:] & usual[:-1]
+    # Threshold of the correlation of successive intervals: -0.5 if each late frame shortens the next interval.
+    return bool(np.corrcoef(intervals_s[:-1][beside], intervals_s[1:][beside])[0, 1] > -0.25)
+
+
+def _missing(intervals_s: FloatArray, period_s: float) -> IntArray:
+    """Number of missing frames in each interval, shape (N - 1,).
+
+    A late frame is followed by a short interval; a missing one is not.
+    """
+    beside_s = np.minimum(np.concatenate([[period_s], intervals_s, [period_s]]), period_s)
+    around = np.rint((beside_s[:-2] + intervals_s + beside_s[2:]) / period_s).astype(np.intp) - 3
+    # Interval in periods above which frames are lost.
+    return np.where(intervals_s > 1.5 * period_s, np.maximum(around, 0), 0)

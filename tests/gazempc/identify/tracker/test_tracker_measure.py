@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from builders.trackers import person_m, seen_m, track_of, wander
 
-from gazempc.identify.tracker.measure import measure_tracker
+from gazempc.identify.tracker.measure import frame_times, measure_tracker
 from gazempc.identify.tracker.read import read_track
-from gazempc.identify.tracker.timing import frame_times
 
 # Long enough to estimate a correlation time of 1 s; half of that without wander.
 TIMES_S = np.arange(0.0, 30.0, 1.0 / 12.0)
