@@ -17,8 +17,6 @@ from gazempc.types import FloatArray
 _FEWEST_READINGS = 60
 _SHORTEST_S = 3.0
 _LEAST_COMMAND_DEG = 2.0
-# Outlier threshold: distance from both neighbours in addition to the joint's reach between them.
-_MISREAD_RAD = math.radians(5.0)
 # Minimum fit and maximum half widths of the confidence intervals of a reliable result.
 _LEAST_FIT_PERCENT = 80.0
 _WIDEST_MS, _WIDEST_PERCENT = 20.0, 25.0  # of dead time and bandwidth
@@ -155,15 +153,14 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
     best = fit(lambda values: np.rad2deg(measured - fitted_to(values)[0]), starts, low, high)
     fitted, offset_rad = fitted_to(best.values)
     # Second differences have six times the variance of white noise, and suppress slow changes.
-    noise_deg2 = float(np.mean(np.diff(best.residual, 2) ** 2)) / 6.0
-    spread = float(np.linalg.norm(measured - measured.mean()))
+    error_deg2, noise_deg2 = float(np.mean(best.residual**2)), float(np.mean(np.diff(best.residual, 2) ** 2)) / 6.0
     estimate = AxisEstimate(
         axis=name,
         **_intervals(best),
         offset_rad=offset_rad,
-        fit_percent=100.0 * (1.0 - float(np.linalg.norm(measured - fitted)) / spread),
-        residual_rms_deg=float(np.sqrt(np.mean(best.residual**2))),
-        structured_rms_deg=math.sqrt(max(float(np.mean(best.residual**2)) - noise_deg2, 0.0)),
+        fit_percent=100.0 * (1.0 - math.sqrt(error_deg2 / float(np.var(np.rad2deg(measured))))),
+        residual_rms_deg=math.sqrt(error_deg2),
+        structured_rms_deg=math.sqrt(max(error_deg2 - noise_deg2, 0.0)),
         misread=data.misread,
         time_s=time_s,
         measured_rad=measured,
@@ -298,7 +295,8 @@ def _prepare_axis(record: NeckRecord, index: int) -> _AxisData:
         raise refuse(moves, "move it more (--amplitude-deg), or leave it out with --axes")
     # Failed readings often come as a fixed angle far away, such as -180 deg.
     reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
-    wild = np.abs(measured - median_filter(measured, size=5, mode="nearest")) > _MISREAD_RAD + reach
+    # Outlier threshold: distance from both neighbours in addition to the joint's reach between them.
+    wild = np.abs(measured - median_filter(measured, size=5, mode="nearest")) > math.radians(5.0) + reach
     if (share := wild.mean()) > 0.05:
         raise refuse(f"{100 * share:.0f} % of the readings are implausible jumps", "check the encoder and its unit")
     time_s, measured = time_s[~wild], measured[~wild]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import cycle
 from typing import Literal
 
@@ -20,8 +19,6 @@ ExcitedAxes = tuple[Literal["all", "pan", "tilt", "eye_pan", "eye_tilt", "body_y
 
 # Share of the command limits in use: limits of an unidentified neck may be optimistic.
 _MARGIN = 0.9
-_LONGEST_STEP_S = 1.0
-_HOLD_S = (0.25, 0.8)
 # Targets of the steps, in amplitudes: all sizes, both directions.
 _TARGETS = (1.0, 0.0, -0.5, 0.5, -1.0, -0.75, 0.25, 0.0)
 _LOWEST_HZ, _HIGHEST_HZ = 0.2, 3.0
@@ -40,25 +37,7 @@ class ExcitationSettings(Settings):
     seed: int = Field(default=0, ge=0, description="Seed of the times of the steps and the phases of the sines")
 
 
-@dataclass(frozen=True)
-class Excitation:
-    """Commands to send, one per servo period.
-
-    Attributes:
-        period_s: Time between two commands, seconds.
-        position_rad: Angles of all joints, shape (K, N), radians.
-    """
-
-    period_s: float
-    position_rad: FloatArray
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the first to the last command, seconds."""
-        return (len(self.position_rad) - 1) * self.period_s
-
-
-def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) -> Excitation:
+def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) -> FloatArray:
     """Plan the motion.
 
     Velocity, acceleration and jerk stay within 0.9 of `NeckSpec.command_limits`, and so does the position once inside
@@ -70,7 +49,8 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
         settings: Joints, duration, amplitude and seed.
 
     Returns:
-        The commands: from the start to the middle of the motion, the motion, and back to rest in the middle.
+        Angles of all joints, one row per servo period, shape (K, N), radians: from the start to the middle of the
+        motion, the motion, and back to rest in the middle.
 
     Raises:
         SettingsError: If the neck has no such joint.
@@ -96,7 +76,7 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
     # Joints wait for the longest approach.
     waits = max(len(approach) for approach, _ in columns)
     position = [np.concatenate([approach, np.full(waits - len(approach), part[0]), part]) for approach, part in columns]
-    return Excitation(neck.servo_period_s, np.stack(position, axis=1))
+    return np.stack(position, axis=1)
 
 
 def moving_joints(neck: NeckSpec, axes: ExcitedAxes) -> tuple[str, ...]:
@@ -139,13 +119,13 @@ def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
 def _steps(neck: NeckSpec, axis: int, amplitude: float, samples: int, rng: np.random.Generator) -> FloatArray:
     """Steps around 0, at rest at both ends, in less than half of the samples; shape (K,), radians."""
     # The largest step is 1.5 amplitudes; a longer one would be a slow ramp, with little information.
-    while len(_move(neck, axis, 0.0, 1.5 * amplitude, 1.0)) > _LONGEST_STEP_S * neck.servo_rate_hz + 1:
+    while len(_move(neck, axis, 0.0, 1.5 * amplitude, 1.0)) > 1.0 * neck.servo_rate_hz + 1:
         amplitude *= 0.8
     parts: list[FloatArray] = []
     at, count, targets = 0.0, 0, cycle(_TARGETS)
     while True:
         target = amplitude * next(targets)
-        hold = np.full(round(rng.uniform(*_HOLD_S) * neck.servo_rate_hz), target)
+        hold = np.full(round(rng.uniform(*(0.25, 0.8)) * neck.servo_rate_hz), target)
         step = np.concatenate([_move(neck, axis, at, target, 1.0), hold])
         home = _move(neck, axis, target, 0.0, 1.0)
         if count + len(step) + len(home) > round(0.45 * samples):

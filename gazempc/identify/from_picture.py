@@ -27,7 +27,7 @@ from gazempc.identify.turning import Pulse, Turning, estimate_turns, turned_rad
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, check_address, open_pictures
-from gazempc.neck.spec import AXES, Axis, NeckSpec
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.parts import split_address
 from gazempc.robots.options import RobotOptions
@@ -36,15 +36,8 @@ from gazempc.robots.robot import Robot
 from gazempc.robots.visca_packets import SPEEDS
 from gazempc.types import FloatArray
 
-# Rotation of a pulse as a share of the picture, with bounds of its duration: the uncertainty of send times, 10 ms, is
-# 3 % of the shortest one.
-_SHARE_OF_VIEW = 0.4
-_PULSE_S = (0.3, 1.5)
-# Steps of a device without a table: shares of its full speed.
-_SHARES = 10
 _TICK_S = 0.02
 # Width of compared pictures: higher resolution takes longer and is not more accurate.
-_WIDTH_PX = 480
 _KEY_SHARE = 0.25
 
 
@@ -71,7 +64,7 @@ class _Pulser:
                 if found is None:
                     return
                 continue
-            scale = min(_WIDTH_PX / found.rgb.shape[1], 1.0)
+            scale = min(480 / found.rgb.shape[1], 1.0)
             grey = cv2.resize(cv2.cvtColor(found.rgb, cv2.COLOR_RGB2GRAY), None, fx=scale, fy=scale, interpolation=3)
             self.taken.append((self.clock.from_monotonic_s(found.captured_s), grey))
 
@@ -126,16 +119,6 @@ def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_r
     return 2.0 * math.atan(0.5 * width / focal_px)
 
 
-def _commanded(robot: str, neck: NeckSpec) -> NeckSpec:
-    """The neck with equidistant speeds up to full speed, one for each step of the device."""
-    counts = SPEEDS if split_address(robot)[0] == "visca" else (_SHARES, _SHARES)
-    axes = {}
-    for name, axis, usual in zip(AXES, neck.axes, counts, strict=True):
-        steps = SpeedSteps.equal(axis.full_rad_s, len(_steps(axis)) or usual)
-        axes[name] = axis.model_copy(update={"speed_steps": steps, "velocity_max_rad_s": axis.full_rad_s})
-    return neck.model_copy(update=axes)
-
-
 def identify_from_picture(
     robot: str,
     options: RobotOptions,
@@ -168,8 +151,16 @@ def identify_from_picture(
     if not neck.speed_joints.all():
         raise SettingsError(f'neck {neck.name!r}: accepted with --source: command = "velocity" of pan and tilt')
     clock = RealClock()
-    commanded = _commanded(robot, neck)
-    with closing(make_robot(robot, options, commanded, clock, neck.rest_rad, 0)) as ready:
+    # Speeds in the neck file, which determine the durations; ten shares of full speed for a device without a table.
+    counts = SPEEDS if split_address(robot)[0] == "visca" else (10, 10)
+    nominal = [a.speed_steps or SpeedSteps.equal(a.full_rad_s, n) for a, n in zip(neck.axes, counts, strict=True)]
+    # Commanded are equidistant speeds up to full speed, one for each step of the device.
+    plans = [SpeedSteps.equal(a.full_rad_s, len(n.positive_rad_s)) for a, n in zip(neck.axes, nominal, strict=True)]
+    commanded = {
+        name: axis.model_copy(update={"speed_steps": steps, "velocity_max_rad_s": axis.full_rad_s})
+        for name, axis, steps in zip(AXES, neck.axes, plans, strict=True)
+    }
+    with closing(make_robot(robot, options, neck.with_axes(commanded), clock, neck.rest_rad, 0)) as ready:
         ready.connect()
         pictures = open_pictures(picture_url() if address == EMULATOR else address, camera)
         executor = _Pulser(ready, pictures, clock)
@@ -177,7 +168,7 @@ def identify_from_picture(
         try:
             while not executor.taken and not executor.problem:
                 time.sleep(_TICK_S)
-            view_rad, axes = _measured(executor, camera.fov_deg, neck, commanded, delay_max_s, progress)
+            view_rad, axes = _measured(executor, camera.fov_deg, plans, nominal, delay_max_s, progress)
         finally:
             executor.closing = True
             pictures.close()
@@ -195,20 +186,18 @@ def identify_from_picture(
 def _measured(
     executor: _Pulser,
     fov_deg: float | None,
-    neck: NeckSpec,
-    commanded: NeckSpec,
+    plans: Sequence[SpeedSteps],
+    nominal: Sequence[SpeedSteps],
     delay_max_s: float,
     progress: Progress,
 ) -> tuple[tuple[float, float], list[TurnedAxis]]:
     guess_rad = math.radians(fov_deg or LIKELY_FOV_DEG)
     after_s = delay_max_s + 0.5
     # First pass: lens angle, and approximate delay of the picture.
-    plans = [_steps(axis) for axis in commanded.axes]
-    # Speeds of the steps in the neck file, which determine the durations.
-    nominal = [_steps(old if old.speed_steps else new) for old, new in zip(neck.axes, commanded.axes, strict=True)]
-    middle = min(max(int(np.searchsorted(nominal[0], 0.3 * guess_rad)), 1), len(plans[0]))
-    lasts_s = _lasts_s(nominal[0][middle - 1], guess_rad)
-    tried = [executor.pulse(0, way * middle, way * plans[0][middle - 1], lasts_s, after_s) for way in (1, -1)]
+    slow_rad_s = nominal[0].positive_rad_s
+    middle = min(max(int(np.searchsorted(slow_rad_s, 0.3 * guess_rad)), 1), len(slow_rad_s))
+    lasts_s = _lasts_s(slow_rad_s[middle - 1], guess_rad)
+    tried = [executor.pulse(0, step, plans[0].speed_rad_s(step), lasts_s, after_s) for step in (middle, -middle)]
     fov_rad = _fov_rad(tried, guess_rad) or guess_rad
     height, width = tried[0][2][0].shape
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
@@ -220,23 +209,21 @@ def _measured(
     for index, name in enumerate(AXES):
         view_rad = (fov_rad, fov_rad * height / width)[index]
         seen, reported = [], []
-        for step, speed_rad_s in enumerate(plans[index], start=1):
-            for way in (1, -1):
-                lasts_s = _lasts_s(nominal[index][step - 1], view_rad)
-                answers, stamps, greys = executor.pulse(index, way * step, way * speed_rad_s, lasts_s, after_s)
+        speeds_rad_s = nominal[index].positive_rad_s
+        for k, nominal_rad_s in enumerate(speeds_rad_s, start=1):
+            for step in (k, -k):
+                speed_rad_s, lasts_s = plans[index].speed_rad_s(step), _lasts_s(nominal_rad_s, view_rad)
+                answers, stamps, greys = executor.pulse(index, step, speed_rad_s, lasts_s, after_s)
                 angle_rad = turned_rad(turnings[index], greys, _KEY_SHARE * view_rad)
                 seen.append(replace(answers, time_s=stamps, angle_rad=angle_rad))
                 if answers.time_s.size:
                     reported.append(answers)
-            progress.at((index + step / len(plans[index])) / len(plans))
+            progress.at((index + k / len(speeds_rad_s)) / len(plans))
         by_answers = estimate_turns(reported, delay_max_s) if reported else None
-        found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, len(plans[index])))
+        found.append(TurnedAxis(name, estimate_turns(seen, delay_max_s), by_answers, len(speeds_rad_s)))
     return (fov_rad, 2.0 * math.atan(height / width * math.tan(0.5 * fov_rad))), found
 
 
-def _steps(axis: Axis) -> tuple[float, ...]:
-    return () if axis.speed_steps is None else axis.speed_steps.positive_rad_s
-
-
 def _lasts_s(speed_rad_s: float, view_rad: float) -> float:
-    return min(max(_SHARE_OF_VIEW * view_rad / speed_rad_s, _PULSE_S[0]), _PULSE_S[1])
+    # Rotation by 0.4 of the picture; the uncertainty of send times, 10 ms, is 3 % of the shortest duration.
+    return min(max(0.4 * view_rad / speed_rad_s, 0.3), 1.5)

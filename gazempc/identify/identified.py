@@ -247,9 +247,8 @@ def turned_toml(
     """
     values: dict[str, Any] = neck.model_dump(exclude_none=True)
     for axis in axes:
-        tables = {
-            k: _ascending(axis, way * axis.picture.sign) for k, way in (("positive_rad_s", 1), ("negative_rad_s", -1))
-        }
+        ways = {"positive_rad_s": axis.picture.sign, "negative_rad_s": -axis.picture.sign}
+        tables = {side: _ascending(axis, way) for side, way in ways.items()}
         values[axis.name] |= {
             "speed_steps": tables,
             "velocity_max_rad_s": min(speeds[-1] for speeds in tables.values()),

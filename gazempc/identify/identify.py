@@ -248,7 +248,7 @@ def _excite(name: str, settings: IdentifySettings, neck: NeckSpec, clock: Clock,
         assert start_rad is not None
         go_in(robot, neck, clock, start_rad, never)
         excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
-        progress.begin(f"moving the neck for {excitation.duration_s:.0f} s")
+        progress.begin(f"moving the neck for {len(excitation) * neck.servo_period_s:.0f} s")
         about = {
             "from": f"robot {name}",
             "date": datetime.date.today().isoformat(),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,18 +19,12 @@ from gazempc.identify.estimate import Interval
 from gazempc.identify.record import IdentificationError
 from gazempc.identify.servo_fit import Z_95, fit
 from gazempc.live.sources.camera.blazeface import import_opencv
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
-# Least standard deviation of grey levels; below it a picture is dark, or a blank wall.
-_LEAST_CONTRAST = 4.0
-# Largest median difference of two registered pictures, in standard deviations; above it they do not overlap.
-_LARGEST_ERROR = 0.35
 # Largest shift, as a share of the picture: beyond it the overlap is too small.
 _LARGEST_SHIFT = 0.45
 # Standard deviation of the time at which a device receives a command.
 _SEND_JITTER_S = 0.004
-_LAG_RAD_S = (2.0, 100.0)
-_FEWEST = 4
 
 
 class Turning:
@@ -60,7 +54,8 @@ class Turning:
         Raises:
             IdentificationError: If the picture is dark or blank.
         """
-        if float(np.std(grey)) < _LEAST_CONTRAST:
+        # Least standard deviation of grey levels; below it a picture is dark, or a blank wall.
+        if float(np.std(grey)) < 4.0:
             raise IdentificationError(
                 "the picture is dark or blank: point the camera at a scene with texture, in light"
             )
@@ -84,7 +79,8 @@ class Turning:
         pairs = {px: _common(before, after, px) for px in tried if abs(px) < columns // 2}
         left = {px: float(np.median(np.abs(one - other))) for px, (one, other) in pairs.items()}
         best = min(left, key=lambda whole_px: left[whole_px])
-        if abs(best) > _LARGEST_SHIFT * columns or left[best] > _LARGEST_ERROR * float(np.std(before)):
+        # Largest median difference of two registered pictures, in standard deviations; above it they do not overlap.
+        if abs(best) > _LARGEST_SHIFT * columns or left[best] > 0.35 * float(np.std(before)):
             return math.nan
         return self._refined(before, after, best) / self._focal_px
 
@@ -204,19 +200,18 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     Raises:
         IdentificationError: If the delay is not identifiable.
     """
-    known = [(pulse, np.isfinite(pulse.angle_rad)) for pulse in pulses]
-    used = [(pulse, pulse.time_s[fine], pulse.angle_rad[fine]) for pulse, fine in known if fine.sum() >= _FEWEST]
+    used = _masked(pulses, [np.isfinite(pulse.angle_rad) for pulse in pulses])
     if not used:
         raise IdentificationError("no pulse has enough pictures that can be compared: more light, less blur")
 
     def solved(values: Sequence[float] | FloatArray) -> tuple[list[FloatArray], list[float]]:
         residuals, speeds = [], []
-        for pulse, time_s, angle_rad in used:
-            since_s = time_s - values[0]
+        for pulse in used:
+            since_s = pulse.time_s - values[0]
             shape = _ramp(since_s - pulse.on_s, math.exp(values[1])) - _ramp(since_s - pulse.off_s, math.exp(values[1]))
             design = np.stack([np.ones_like(shape), shape], axis=1)
-            found, *_ = np.linalg.lstsq(design, angle_rad, rcond=None)
-            residuals.append(angle_rad - design @ found)
+            found, *_ = np.linalg.lstsq(design, pulse.angle_rad, rcond=None)
+            residuals.append(pulse.angle_rad - design @ found)
             speeds.append(float(found[1]))
         return residuals, speeds
 
@@ -225,21 +220,19 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
 
     starts = [(delay_s, math.log(lag)) for delay_s in np.arange(0.05, delay_max_s, 0.2) for lag in (8.0, 30.0)]
     scanned = sorted(starts, key=lambda values: float(np.sum(residual(values) ** 2)))
-    low, high = (-0.05, math.log(_LAG_RAD_S[0])), (delay_max_s + 0.2, math.log(_LAG_RAD_S[1]))
+    low, high = (-0.05, math.log(2.0)), (delay_max_s + 0.2, math.log(100.0))
     best = fit(residual, scanned[:2], low, high)
     # Refit without outliers from wrong registrations.
     least_rad = 4.0 * 1.48 * float(np.median(np.abs(best.residual))) + 1e-4
-    fine = [np.abs(own) <= least_rad for own in solved(best.values)[0]]
-    kept = [(p, time_s[f], angle_rad[f]) for (p, time_s, angle_rad), f in zip(used, fine, strict=True)]
-    used = [each for each in kept if each[1].size >= _FEWEST]
+    used = _masked(used, [np.abs(own) <= least_rad for own in solved(best.values)[0]])
     best = fit(residual, [tuple(best.values)], low, high)
     residuals, speeds = solved(best.values)
     noise_rad = float(np.sqrt(np.mean(best.residual**2)))
-    if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([a - a.mean() for *_, a in used]) ** 2))):
+    if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([p.angle_rad - p.angle_rad.mean() for p in used]) ** 2))):
         raise IdentificationError("the picture does not follow the commands: check the camera and the scene")
     found: dict[int, list[tuple[float, float]]] = {}
-    for (pulse, time_s, angle_rad), own, speed in zip(used, residuals, speeds, strict=True):
-        found.setdefault(pulse.step, []).append(_speed(pulse, time_s, angle_rad, best.values, speed, own))
+    for pulse, own, speed in zip(used, residuals, speeds, strict=True):
+        found.setdefault(pulse.step, []).append(_speed(pulse, best.values, speed, own))
     wide = Z_95 * np.sqrt(np.diag(best.covariance))
     wn = math.exp(best.values[1])
     return TurnEstimate(
@@ -254,22 +247,26 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     )
 
 
-def _speed(
-    pulse: Pulse, time_s: FloatArray, angle_rad: FloatArray, servo: FloatArray, start_rad_s: float, residual: FloatArray
-) -> tuple[float, float]:
+def _masked(pulses: Sequence[Pulse], masks: Sequence[BoolArray]) -> list[Pulse]:
+    """The pulses at the masked times, without those that have too few."""
+    pairs = [(pulse, mask) for pulse, mask in zip(pulses, masks, strict=True) if mask.sum() >= 4]
+    return [replace(pulse, time_s=pulse.time_s[mask], angle_rad=pulse.angle_rad[mask]) for pulse, mask in pairs]
+
+
+def _speed(pulse: Pulse, servo: FloatArray, start_rad_s: float, residual: FloatArray) -> tuple[float, float]:
     """Speed of one pulse and its standard deviation; includes the uncertainty of both send times."""
-    since_s, wn = time_s - servo[0], math.exp(servo[1])
+    since_s, wn = pulse.time_s - servo[0], math.exp(servo[1])
     noise_rad = min(max(1.48 * float(np.median(np.abs(residual))), 1e-4), 2e-3)
 
     def residuals(values: FloatArray) -> FloatArray:
         first_rad, speed, on_s, off_s = values
         pulse_rad = speed * (_ramp(since_s - pulse.on_s - on_s, wn) - _ramp(since_s - pulse.off_s - off_s, wn))
         return np.append(
-            (angle_rad - first_rad - pulse_rad) / noise_rad, (on_s / _SEND_JITTER_S, off_s / _SEND_JITTER_S)
+            (pulse.angle_rad - first_rad - pulse_rad) / noise_rad, (on_s / _SEND_JITTER_S, off_s / _SEND_JITTER_S)
         )
 
-    own: Any = least_squares(residuals, (angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
-    spread = max(2.0 * own.cost / max(time_s.size - 2, 1), 1.0)
+    own: Any = least_squares(residuals, (pulse.angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
+    spread = max(2.0 * own.cost / max(since_s.size - 2, 1), 1.0)
     return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(own.jac.T @ own.jac)[1, 1]))
 
 

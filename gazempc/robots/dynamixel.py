@@ -70,24 +70,18 @@ class DynamixelNeck:
                 raise SettingsError(f"{name} {values}: neck {neck.name!r} needs {neck.joints} numbers, for {joints}")
         if len(set(motor_ids)) < neck.joints:
             raise SettingsError(f"motor_ids {motor_ids}: expected different numbers")
-        self._clock_s = clock_s
-        self._ids = motor_ids
+        self._clock_s, self._options, self._ids = clock_s, options, motor_ids
         self._zero = np.array(zero_ticks, dtype=np.float64)
         self._direction = np.array(directions, dtype=np.float64)
-        self._reply_timeout_ms = options.reply_timeout_ms
         motors = dict(zip(neck.joint_names, motor_ids, strict=True))
         self._bus = DynamixelBus(options.port, options.baud_rate_bps, motors, options.reply_timeout_ms)
         self._step_ticks = options.approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
-        self._torque_off_on_close = options.torque_off_on_close
         ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
         # Integer ticks, rounded towards the inside of the limits.
         self._tick_min, self._tick_max = np.ceil(ends.min(axis=0)), np.floor(ends.max(axis=0))
-        self._connected = False
-        self._ready = False
+        self._connected = self._ready = self._has_reply = False
         self._steps: Iterator[bool] | None = None
-        self._retry_at_s = -np.inf
-        self._trouble = ""
-        self._has_reply = False
+        self._retry_at_s, self._trouble = -np.inf, ""
         self._approaching = True
         self._goal = np.zeros(neck.joints)
         self._line = threading.Lock()
@@ -103,7 +97,7 @@ class DynamixelNeck:
         if self._connected:
             return
         # During set-up motors may reply later.
-        self._bus.wait_ms = max(self._reply_timeout_ms, 100.0)
+        self._bus.wait_ms = max(self._options.reply_timeout_ms, 100.0)
         try:
             for _ in self._set_up():
                 pass
@@ -113,7 +107,7 @@ class DynamixelNeck:
         except Exception as error:
             raise self._port_error(error) from error
         finally:
-            self._bus.wait_ms = self._reply_timeout_ms
+            self._bus.wait_ms = self._options.reply_timeout_ms
         self._connected = self._ready = True
         self._retry_at_s = -np.inf
 
@@ -150,7 +144,7 @@ class DynamixelNeck:
 
     def close(self) -> None:
         """Release the port; the motors hold their last goal, or lose torque if `torque_off_on_close`; never raises."""
-        if self._bus.is_open and self._connected and self._torque_off_on_close:
+        if self._bus.is_open and self._connected and self._options.torque_off_on_close:
             with suppress(Exception):
                 self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\0"))
                 self._read(_TORQUE)  # a reply confirms its execution

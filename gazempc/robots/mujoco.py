@@ -47,7 +47,6 @@ class MujocoNeck:
         self._sendable = np.where(neck.speed_joints, (-most_rad_s, most_rad_s), ends_rad)
         self._rng = np.random.default_rng(seed)
         self._mujoco: Any = None
-        self._model: Any = None
         self._data: Any = None
         # MuJoCo orders joints by parts: the body first.
         self._order: list[int] = []
@@ -60,13 +59,13 @@ class MujocoNeck:
     @property
     def model(self) -> Any:
         """The ``mujoco.MjModel`` of the simulation, for viewers and renderers; RobotError if not connected."""
-        self._check_connected()
-        return self._model
+        return self.data.model
 
     @property
     def data(self) -> Any:
         """The ``mujoco.MjData`` of the simulation, for viewers (read-only); RobotError if not connected."""
-        self._check_connected()
+        if self._data is None:
+            raise RobotError("the MuJoCo neck is not connected: call connect() first")
         return self._data
 
     def connect(self) -> None:
@@ -97,7 +96,7 @@ class MujocoNeck:
                 # Before the first command the set-point is the initial position.
                 mujoco.mj_initCtrlHistory(model, data, actuator, None, np.full((samples, 1), start))
         mujoco.mj_forward(model, data)
-        self._mujoco, self._model, self._data, self._order = mujoco, model, data, order
+        self._mujoco, self._data, self._order = mujoco, data, order
         self._start_s, self._steps = self._clock_s(), 0
 
     def read_state(self) -> JointState | None:
@@ -122,22 +121,17 @@ class MujocoNeck:
 
     def close(self) -> None:
         """Stop the simulation; see `gazempc.robots.robot.Robot.close`."""
-        self._model = self._data = None
-
-    def _check_connected(self) -> None:
-        if self._data is None:
-            raise RobotError("the MuJoCo neck is not connected: call connect() first")
+        self._data = None
 
     def _advance(self) -> float:
-        self._check_connected()
-        now_s = self._clock_s()
+        data, now_s = self.data, self._clock_s()
         elapsed = (now_s - self._start_s) / self._step_s
         if not elapsed >= self._steps - _SAME_STEP:
             reached_s = self._start_s + self._steps * self._step_s
             raise RobotError(f"the clock of the MuJoCo neck cannot run backwards: {reached_s} s -> {now_s} s")
         todo = math.floor(elapsed + _SAME_STEP) - self._steps
         if todo > 0:
-            self._mujoco.mj_step(self._model, self._data, todo)
+            self._mujoco.mj_step(data.model, data, todo)
             self._steps += todo
         # On a step the clock's value itself: with a rounding error it would count as an old measurement.
         on_step = abs(elapsed - self._steps) < _SAME_STEP

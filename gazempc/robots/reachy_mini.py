@@ -121,7 +121,8 @@ class ReachyMiniNeck:
             RobotError: If there is no connection; reconnection continues.
         """
         with self._changed:
-            self._require_connection()
+            if not self._threads or self._socket is None:
+                raise RobotError(self._refusal())
             now_s, clock_s = time.monotonic(), self._clock_s()
             fresh, self._fresh = self._fresh, False
             if not fresh or len(self._poses) < _POSES or now_s - self._poses[-1][0] > 0.2:
@@ -149,7 +150,6 @@ class ReachyMiniNeck:
         check_command(position_rad, self._neck.joints)
         target = self._within_reach(position_rad)
         with self._changed:
-            self._require_connection()
             if refusal := self._refusal():
                 self._goal_rad, self._approaching = None, True
                 raise RobotError(refusal)
@@ -180,14 +180,10 @@ class ReachyMiniNeck:
         within = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
         return np.concatenate((clamp_to_head(within[:2]), within[2:]))
 
-    def _require_connection(self) -> None:
-        if not self._threads:
-            raise RobotError(f"Reachy Mini at {self._uri} is not connected: call connect() first")
-        if self._socket is None:
-            raise RobotError(self._refusal())
-
     def _refusal(self) -> str:
         """Reason why commands are refused at present; empty if they are accepted."""
+        if not self._threads:
+            return f"Reachy Mini at {self._uri} is not connected: call connect() first"
         if self._socket is None:
             return self._lost or f"Reachy Mini: no connection to the daemon at {self._uri}"
         if self._missing:

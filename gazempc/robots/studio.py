@@ -23,7 +23,6 @@ _EYES_PX = (224.8, 101.8)
 _PUPILS_PX = 43.1
 _HEAD_HALF_PX = (62.0, 82.0)
 _HEAD_CENTRE_PX = (226.5, 96.5)
-_HAIR_PX = np.s_[12:52, 172:212]  # covers the back of the head
 # Mean distance between the pupils of adults (Dodgson 2004). It converts pixels to metres.
 PUPILS_M = 0.063
 _M_PER_PX = PUPILS_M / _PUPILS_PX
@@ -69,7 +68,8 @@ class Studio:
 
             fovy_deg = 2 * math.degrees(math.atan(math.tan(math.radians(fov_deg) / 2) * height / width))
             portrait: Any = data.astronaut()  # type: ignore[no-untyped-call]
-            pictures = {"face": portrait, "hair": portrait[_HAIR_PX], "wall": _patches(seed)}
+            # covers the back of the head
+            pictures = {"face": portrait, "hair": portrait[(np.s_[12:52, 172:212])], "wall": _patches(seed)}
             textures = {f"{name}.png": _png(picture) for name, picture in pictures.items()}
             self._model = mujoco.MjModel.from_xml_string(_mjcf(width, height, fovy_deg, seed), textures)
             self._data = mujoco.MjData(self._model)
