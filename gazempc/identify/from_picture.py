@@ -20,17 +20,17 @@ import numpy as np
 
 from gazempc.command import Progress
 from gazempc.errors import SettingsError
+from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
-from gazempc.identify.identified import TurnedAxis, latency_s, option_words, turned_table, turned_toml
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.turning import Pulse, Turning, estimate_turns, turned_rad
+from gazempc.identify.turning import Pulse, TurnEstimate, Turning, estimate_turns, turned_rad
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, check_address, open_pictures
 from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.parts import split_address
-from gazempc.robots.options import RobotOptions
+from gazempc.robots.options import OnvifOptions, RobotOptions, ViscaOptions
 from gazempc.robots.ptz_emulator import EMULATOR, picture_url
 from gazempc.robots.robot import Robot
 from gazempc.robots.visca_packets import SPEEDS
@@ -102,8 +102,8 @@ class _Pulser:
         return Pulse(step, on_s, off_s, times_s, angles_rad), np.array(stamps), greys
 
 
-def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_rad: float) -> float | None:
-    """Lens angle from the ratio of rotations by pictures and by position feedback; None without feedback."""
+def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_rad: float) -> float:
+    """Lens angle from the ratio of rotations by pictures and by position feedback; without feedback as guessed."""
     height, width = found[0][2][0].shape
     focal_px = 0.5 * width / math.tan(0.5 * guess_rad)
     for _ in range(3):
@@ -113,7 +113,7 @@ def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_r
                 moved_rad = turning.between(turning.flat(greys[0]), turning.flat(greys[-1]))
                 ratios.append(abs(moved_rad / (reported.angle_rad[-1] - reported.angle_rad[0])))
         if not ratios:
-            return None
+            return guess_rad
         # To first order, angle = pixels / focal length.
         focal_px *= float(np.nanmedian(ratios))
     return 2.0 * math.atan(0.5 * width / focal_px)
@@ -177,8 +177,11 @@ def identify_from_picture(
     for axis in axes:
         if axis.picture.sign < 0:
             print(f"Warning: {axis.name} turns in the opposite direction: file and command have the changed sign.")
-    write_whole(out, turned_toml(neck, axes, view_rad, out.stem, origin, datetime.date.today()))
-    use = f"--camera.fov-deg {math.degrees(view_rad[0]):.1f} --camera.latency-ms {1e3 * latency_s(axes, camera):.0f}"
+    write_whole(out, turned_toml(neck, axes, view_rad, out.stem, origin))
+    # Latency of the picture: its delay minus the delay of position feedback, or the stated latency.
+    known_s = [axis.picture.delay_s.value - axis.answers.delay_s.value for axis in axes if axis.answers is not None]
+    latency_ms = 1e3 * float(np.mean(known_s)) if known_s else camera.latency_ms
+    use = f"--camera.fov-deg {math.degrees(view_rad[0]):.1f} --camera.latency-ms {latency_ms:.0f}"
     words = f"--robot {robot} --source {source} --neck {out} {use}"
     print(f"\nWritten: {out}\nUse it: python -m gazempc.live {' '.join([words, *option_words(robot, options, axes)])}")
 
@@ -198,7 +201,7 @@ def _measured(
     middle = min(max(int(np.searchsorted(slow_rad_s, 0.3 * guess_rad)), 1), len(slow_rad_s))
     lasts_s = _lasts_s(slow_rad_s[middle - 1], guess_rad)
     tried = [executor.pulse(0, step, plans[0].speed_rad_s(step), lasts_s, after_s) for step in (middle, -middle)]
-    fov_rad = _fov_rad(tried, guess_rad) or guess_rad
+    fov_rad = _fov_rad(tried, guess_rad)
     height, width = tried[0][2][0].shape
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
     most_rad = _KEY_SHARE * fov_rad
@@ -227,3 +230,117 @@ def _measured(
 def _lasts_s(speed_rad_s: float, view_rad: float) -> float:
     # Rotation by 0.4 of the picture; the uncertainty of send times, 10 ms, is 3 % of the shortest duration.
     return min(max(0.4 * view_rad / speed_rad_s, 0.3), 1.5)
+
+
+@dataclass(frozen=True)
+class TurnedAxis:
+    """One axis, identified.
+
+    Attributes:
+        name: ``pan`` or ``tilt``.
+        picture: Estimate from pictures: delay from command to picture, lag and speeds.
+        answers: Estimate from position feedback of the device; None if there is none.
+        steps: Number of steps to each side.
+    """
+
+    name: str
+    picture: TurnEstimate
+    answers: TurnEstimate | None
+    steps: int
+
+    @property
+    def servo(self) -> TurnEstimate:
+        """The estimate of dead time, lag and speeds: from position feedback if available, which has the higher rate."""
+        return self.answers or self.picture
+
+
+def option_words(robot: str, options: RobotOptions, axes: Sequence[TurnedAxis]) -> list[str]:
+    """Non-default options of the robot, with the measured signs, as words of the command line.
+
+    Args:
+        robot: The robot, such as ``visca:HOST``.
+        options: Options of the identification run.
+        axes: Pan and tilt, identified.
+
+    Returns:
+        The words; none for a user-defined robot.
+    """
+    kind = split_address(robot)[0]
+    given = getattr(options, kind, None)
+    if not isinstance(given, ViscaOptions | OnvifOptions):
+        return []
+    signs = tuple(old * axis.picture.sign for old, axis in zip(given.directions, axes, strict=True))
+    given, words = given.model_copy(update={"directions": signs}), list[str]()
+    for name, field_info in type(given).model_fields.items():
+        value = getattr(given, name)
+        if value != field_info.default:
+            values = value if isinstance(value, tuple | list) else (value,)
+            words += [f"--options.{kind}.{name.replace('_', '-')}", *map(str, values)]
+    return words
+
+
+def turned_table(axes: Sequence[TurnedAxis], fov_rad: float) -> str:
+    """The result as text, with 95 % intervals."""
+    lines = [f"lens angle {math.degrees(fov_rad):.1f} deg"]
+    for axis in axes:
+        picture = axis.picture
+        lines.append(f"{axis.name}: delay from command to picture {picture.delay_s.shown(1e3, 1)} ms")
+        if axis.answers is not None:
+            lines.append(f"  of it dead time, by position feedback, {axis.answers.delay_s.shown(1e3, 1)} ms")
+        servo = axis.servo
+        lines += [
+            f"  natural frequency {servo.natural_frequency_rad_s.shown(1.0, 1)} rad/s; sign {picture.sign:+d}",
+            f"  residual {servo.residual_deg:.3f} deg",
+            *(f"  step {k:+d}: {speed.shown(180.0 / math.pi, 2)} deg/s" for k, speed in servo.speeds_rad_s.items()),
+        ]
+    return "\n".join(lines)
+
+
+def turned_toml(
+    neck: NeckSpec, axes: Sequence[TurnedAxis], view_rad: tuple[float, float], name: str, origin: str
+) -> str:
+    """A neck file with delay, servo and speed table of each axis; all else from the given neck.
+
+    Positive speeds are to the left and up in the picture, independent of the signs of the device. Without position
+    feedback the dead time contains the picture's latency.
+
+    Args:
+        neck: Source of ranges, limits and geometry.
+        axes: Pan and tilt, identified.
+        view_rad: Width and height of the picture, radians.
+        name: Name of the new file.
+        origin: Robot and picture, for its source.
+
+    Returns:
+        The file as text.
+
+    Raises:
+        IdentificationError: If no speed to one side was measured.
+    """
+    values: dict[str, Any] = neck.model_dump(exclude_none=True)
+    for axis in axes:
+        ways = {"positive_rad_s": axis.picture.sign, "negative_rad_s": -axis.picture.sign}
+        tables = {side: _ascending(axis, way) for side, way in ways.items()}
+        values[axis.name] |= {
+            "speed_steps": tables,
+            "velocity_max_rad_s": min(speeds[-1] for speeds in tables.values()),
+            "dead_time_s": float(f"{max(axis.servo.delay_s.value, 0.0):.4g}"),
+            "natural_frequency_rad_s": float(f"{axis.servo.natural_frequency_rad_s.value:.4g}"),
+            "damping_ratio": 1.0,
+        }
+        values[axis.name].pop("full_speed_rad_s", None)
+    today = datetime.date.today().isoformat()
+    source = f"identified by gazempc on {today} from {origin}; ranges of {neck.name}: {neck.source}"
+    view_deg = [round(math.degrees(angle_rad), 1) for angle_rad in view_rad]
+    return as_toml(values | {"name": name, "source": source, "head_view_deg": view_deg})
+
+
+def _ascending(axis: TurnedAxis, way: int) -> list[float]:
+    """Speeds of the steps to one side; unmeasured steps are interpolated."""
+    speeds = axis.servo.speeds_rad_s
+    known = {way * step: speeds[step].value for step in sorted(speeds, key=abs) if way * step > 0}
+    if not known:
+        raise IdentificationError(f"{axis.name}: no picture shows the speeds to one side: more light, less blur")
+    measured = np.abs(np.interp(np.arange(1, axis.steps + 1), list(known), list(known.values())))
+    # Monotone: measurement noise may swap two steps of equal speed.
+    return [float(f"{speed:.5g}") for speed in np.maximum.accumulate(np.maximum(measured, 1e-5))]

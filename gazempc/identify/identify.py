@@ -193,7 +193,7 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
         files = f"\nInspect: {', '.join(map(str, written))}" if written else ""
         reasons = "".join(f"\n  {refusal}" for refusal in refusals)
         raise IdentificationError(f"no neck file written; the data do not determine the neck:{reasons}{files}")
-    text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
+    text = neck_toml(neck, estimates, settings.out.stem, origin)
     write_whole(settings.out, text)
     _print_margins(load_neck(settings.out))
     print(f"\nWritten: {', '.join(map(str, [settings.out, *written]))}")

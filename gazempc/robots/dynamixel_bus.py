@@ -12,9 +12,9 @@ _HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardwa
 _ALERT = 0x80
 # By bit of the Hardware Error Status.
 _HARDWARE_ERRORS = (
-    *("input voltage", "motor hall sensor", "overheating", "motor encoder"),
-    *("electrical shock or insufficient power", "overload"),
-)
+    "input voltage", "motor hall sensor", "overheating", "motor encoder", "electrical shock or insufficient power",
+    "overload",
+)  # fmt: skip
 
 
 class DynamixelBus:

@@ -184,11 +184,9 @@ class SpeedCamera:
         Raises:
             RobotError: If the device does not reply.
         """
-        try:
-            self._device.open()
-            return self._device.about()
-        finally:
-            self._device.close()
+        with contextlib.closing(self._device) as device:
+            device.open()
+            return device.about()
 
     def _work(self) -> None:
         # None before the first command: no renewal.

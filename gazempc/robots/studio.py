@@ -68,8 +68,8 @@ class Studio:
 
             fovy_deg = 2 * math.degrees(math.atan(math.tan(math.radians(fov_deg) / 2) * height / width))
             portrait: Any = data.astronaut()  # type: ignore[no-untyped-call]
-            # covers the back of the head
-            pictures = {"face": portrait, "hair": portrait[(np.s_[12:52, 172:212])], "wall": _patches(seed)}
+            # Hair covers the back of the head.
+            pictures = {"face": portrait, "hair": portrait[12:52, 172:212], "wall": _patches(seed)}
             textures = {f"{name}.png": _png(picture) for name, picture in pictures.items()}
             self._model = mujoco.MjModel.from_xml_string(_mjcf(width, height, fovy_deg, seed), textures)
             self._data = mujoco.MjData(self._model)

@@ -94,7 +94,6 @@ class ViscaLink:
 
     def reset(self) -> None:
         """Reset the sequence number. Some cameras do not reply to this, and ignore sequence numbers."""
-        self._sequence = 0
         with contextlib.suppress(RobotError):
             self._exchange(wire.CONTROL, wire.RESET, attempts=1)
 

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import islice
 from typing import Any
 
 from gazempc.errors import GazempcError
@@ -95,12 +96,10 @@ class Subscription:
         Raises:
             Ros2Error: If the node is closed.
         """
-        taken: list[Any] = []
         handle, kind = self.made.handle, self.made.msg_type
         with ros_errors(), handle:
-            while len(taken) < WAITING_MAX and (found := handle.take_message(kind, False)) is not None:
-                taken.append(found[0])
-        return taken
+            taken = iter(lambda: handle.take_message(kind, False), None)
+            return [message for message, _ in islice(taken, WAITING_MAX)]
 
     @property
     def senders(self) -> tuple[str, ...]:

@@ -1,14 +1,12 @@
 """Rotation between pictures of a synthetic panorama; delay, lag and speeds from rotations."""
 
-import datetime
-
 import numpy as np
 import pytest
 from scipy import signal
 from scipy.ndimage import gaussian_filter
 
 from gazempc.files.documents import as_toml
-from gazempc.identify.identified import TurnedAxis, option_words, turned_table, turned_toml
+from gazempc.identify.from_picture import TurnedAxis, option_words, turned_table, turned_toml
 from gazempc.identify.identify import main
 from gazempc.identify.record import IdentificationError
 from gazempc.identify.turning import Interval, Pulse, TurnEstimate, Turning, estimate_turns, turned_rad
@@ -163,7 +161,7 @@ def test_the_neck_file_has_the_measured_table(answers, dead_time_s, tmp_path):
     by_answers = turn_estimate(0.3, {k: -v for k, v in speeds.items()}) if answers else None
     axes = [TurnedAxis(name, turn_estimate(0.5, by_picture), by_answers, 3) for name in ("pan", "tilt")]
     path, view_rad = tmp_path / "measured.toml", np.radians([60.0, 36.0])
-    path.write_text(turned_toml(PTZ, axes, tuple(view_rad), "measured", "a test", datetime.date(2026, 11, 23)))
+    path.write_text(turned_toml(PTZ, axes, tuple(view_rad), "measured", "a test"))
     neck = load_neck(path)
     assert neck.pan.dead_time_s == dead_time_s
     assert neck.pan.speed_steps.positive_rad_s == pytest.approx((0.09, 0.4, 0.6))
