@@ -97,7 +97,7 @@ def record(
     excitation_rad: FloatArray,
     neck: NeckSpec,
     about: dict[str, Any],
-    on_tick: Callable[[float], None] | None = None,
+    on_tick: Callable[[float], object] = lambda _: None,
 ) -> NeckRecord:
     """Execute the excitation and record the response. After an interrupt the command is first brought to rest.
 
@@ -149,8 +149,7 @@ def record(
                 done_s = sent_at_s - start_s
                 raise RobotError(f"stopped after {done_s:.1f} s: a command failed ({error})") from None
             commands.append((sent_at_s, sent_rad))
-            if on_tick is not None:
-                on_tick(tick / len(excitation_rad))
+            on_tick(tick / len(excitation_rad))
     except BaseException:
         # After any exception the robot is stopped if it still accepts commands.
         with contextlib.suppress(Exception), _undisturbed():

@@ -79,8 +79,7 @@ class DynamixelNeck:
         self._clock_s, self._options, self._ids = clock_s, options, motor_ids
         self._zero = np.array(zero_ticks, dtype=np.float64)
         self._direction = np.array(directions, dtype=np.float64)
-        motors = dict(zip(neck.joint_names, motor_ids, strict=True))
-        self._bus = DynamixelBus(options.port, options.baud_rate_bps, motors, options.reply_timeout_ms)
+        self._bus = DynamixelBus(options, neck.joint_names)
         self._step_ticks = options.approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
         ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
         # Integer ticks, rounded towards the inside of the limits.
@@ -279,19 +278,17 @@ class DynamixelBus:
     """Transport on the serial line, independent of the meaning of the control table.
 
     Args:
-        port_name: Serial port.
-        baud_rate_bps: As configured in the motors.
-        motors: Name of each joint and id of its motor.
-        wait_ms: Timeout of a reply.
+        options: Port, baud rate, ids and timeout.
+        joint_names: Names of the joints, in the order of the ids.
 
     Attributes:
         port_name: Serial port.
         wait_ms: Timeout of a reply; may be changed at any time.
     """
 
-    def __init__(self, port_name: str, baud_rate_bps: int, motors: dict[str, int], wait_ms: float) -> None:
-        self.port_name, self._baud_rate_bps = port_name, baud_rate_bps
-        self._names, self._ids, self.wait_ms = tuple(motors), tuple(motors.values()), wait_ms
+    def __init__(self, options: DynamixelOptions, joint_names: tuple[str, ...]) -> None:
+        self.port_name, self.wait_ms = options.port, options.reply_timeout_ms
+        self._names, self._ids, self._baud_rate_bps = joint_names, options.motor_ids, options.baud_rate_bps
         self._sdk: Any = None
         self._packets: Any = None
         self._port: Any = None
