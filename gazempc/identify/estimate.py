@@ -1,39 +1,36 @@
-"""Estimation of dead time and servo of one axis, with confidence intervals; rejects insufficient data."""
+"""Estimation of dead time and servo of one axis, with confidence intervals for correlated residuals."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_toeplitz
+from scipy.ndimage import median_filter
+from scipy.optimize import least_squares
+from scipy.signal import cont2discrete, lfilter
+from scipy.special import stdtrit
 
-from gazempc.identify.axis_data import FEWEST_READINGS, AxisData, prepare_axis
 from gazempc.identify.record import IdentificationError, NeckRecord
-from gazempc.identify.servo_fit import Z_95, Fit, ServoModel, fit
 from gazempc.types import FloatArray
 
+# Two-sided 95 % of a normal distribution.
+Z_95 = 1.959964
+# Requirements of the data.
+_FEWEST_READINGS = 60
+_SHORTEST_S = 3.0
+_LEAST_COMMAND_DEG = 2.0
 # Minimum fit and maximum half widths of the confidence intervals of a reliable result.
 _LEAST_FIT_PERCENT = 80.0
 _WIDEST_MS, _WIDEST_PERCENT = 20.0, 25.0  # of dead time and bandwidth
-# Structure of the residual due to quantisation by an encoder of 4096 steps.
-_NOTED_DEG = 0.1
 # Numerical precision of the model: lower bound of the width of intervals.
 _NARROWEST_S = 1e-4
-_NARROWEST_SHARE = 1e-3
 
-# Negative dead times are allowed in the fit, for an unbiased estimate of zero.
-_EARLIEST_S = -0.1
 _SCAN_STEP_S = 0.02
-_SCAN_FREQUENCIES_RAD_S = (4.0, 8.0, 15.0, 30.0, 60.0)
 _SCAN_DAMPING = 0.8
-
-_SCAN_READINGS = 1000
-_STARTS = 3
-_DISTINCT_S = 0.15
-_COMPETITIVE = 3.0
-_LOWEST = (math.log(0.5), math.log(0.101))
-_HIGHEST = (math.log(300.0), math.log(9.99))
-_AT_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -52,7 +49,7 @@ class Interval:
     @staticmethod
     def around(value: float, half_width: float) -> Interval:
         """A symmetric interval."""
-        return Interval(value, value - half_width, value + half_width)
+        return Interval(float(value), float(value - half_width), float(value + half_width))
 
     def shown(self, factor: float, digits: int) -> str:
         """Estimate and half width, multiplied by `factor` for the unit, such as ``400.0 ± 0.1``."""
@@ -102,7 +99,8 @@ class AxisEstimate:
     @property
     def note(self) -> str:
         """Warning about the result; empty if there is none."""
-        if self.structured_rms_deg < _NOTED_DEG:
+        # Structure of the residual due to quantisation by an encoder of 4096 steps.
+        if self.structured_rms_deg < 0.1:
             return ""
         return (
             f"{self.axis}: {self.structured_rms_deg:.2f} deg of the residual are correlated in time\n"
@@ -137,11 +135,11 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
         IdentificationError: If the data are insufficient.
     """
     name = record.neck().joint_names[index]
-    data = prepare_axis(record, index)
+    data = _prepare_axis(record, index)
     starts = _scan(data, dead_time_max_s)
     # Unknown commands before the record act until one dead time after its first command.
     known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
-    if np.count_nonzero(known) < FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
+    if np.count_nonzero(known) < _FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
         raise IdentificationError(f"{name}: too few readings after the first command can have acted: record longer")
     time_s, measured = data.time_s[known], data.measured_rad[known]
     model = ServoModel(data.command_time_s, data.command_rad, time_s)
@@ -155,112 +153,310 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
         weights = np.linalg.lstsq(columns / size, measured - answer, rcond=1e-6)[0] / size
         return answer + columns @ weights, float(weights[0])
 
-    low, high = (_EARLIEST_S, *_LOWEST), (dead_time_max_s, *_HIGHEST)
+    # Negative dead times are allowed in the fit, for an unbiased estimate of zero.
+    low, high = (-0.1, math.log(0.5), math.log(0.101)), (dead_time_max_s, math.log(300.0), math.log(9.99))
     best = fit(lambda values: np.rad2deg(measured - fitted_to(values)[0]), starts, low, high)
     fitted, offset_rad = fitted_to(best.values)
     # Second differences have six times the variance of white noise, and suppress slow changes.
-    noise_deg2 = float(np.mean(np.diff(best.residual, 2) ** 2)) / 6.0
-    spread = float(np.linalg.norm(measured - measured.mean()))
-    fit_percent = 100.0 * (1.0 - float(np.linalg.norm(measured - fitted)) / spread)
-    dead_time, wn, zeta, bandwidth, lag = _intervals(best)
-    doubts = _doubts(name, best, (low, high), fit_percent, dead_time, bandwidth)
-    return AxisEstimate(
+    error_deg2, noise_deg2 = float(np.mean(best.residual**2)), float(np.mean(np.diff(best.residual, 2) ** 2)) / 6.0
+    estimate = AxisEstimate(
         axis=name,
-        dead_time_s=Interval(max(dead_time.value, 0.0), max(dead_time.low, 0.0), max(dead_time.high, 0.0)),
-        natural_frequency_rad_s=wn,
-        damping_ratio=zeta,
-        bandwidth_hz=bandwidth,
-        servo_lag_s=lag,
+        **_intervals(best),
         offset_rad=offset_rad,
-        fit_percent=fit_percent,
-        residual_rms_deg=float(np.sqrt(np.mean(best.residual**2))),
-        structured_rms_deg=math.sqrt(max(float(np.mean(best.residual**2)) - noise_deg2, 0.0)),
+        fit_percent=100.0 * (1.0 - math.sqrt(error_deg2 / float(np.var(np.rad2deg(measured))))),
+        residual_rms_deg=math.sqrt(error_deg2),
+        structured_rms_deg=math.sqrt(max(error_deg2 - noise_deg2, 0.0)),
         misread=data.misread,
         time_s=time_s,
         measured_rad=measured,
         model_rad=fitted,
-        doubts=doubts,
+        doubts=(),
     )
+    ends_s = (max(end_s, 0.0) for end_s in astuple(estimate.dead_time_s))
+    return replace(estimate, doubts=_doubts(estimate, best.values, low, high), dead_time_s=Interval(*ends_s))
 
 
-def _scan(data: AxisData, dead_time_max_s: float) -> list[tuple[float, float, float]]:
+def _scan(data: _AxisData, dead_time_max_s: float) -> list[tuple[float, float, float]]:
     """Initial values of the fit, best first.
 
     Cross-correlation of the measured motion with the responses of servos of several bandwidths, at all lags; only local
     maxima over the dead time are used.
     """
     lags_s = np.arange(0.0, dead_time_max_s, _SCAN_STEP_S)
-    thinned = slice(None, None, max(1, data.time_s.size // _SCAN_READINGS))
+    # About 1000 readings suffice.
+    thinned = slice(None, None, max(1, data.time_s.size // 1000))
     model = ServoModel(data.command_time_s, data.command_rad, data.time_s[thinned])
-    centred = data.measured_rad[thinned] - data.measured_rad[thinned].mean()
+    measured = data.measured_rad[thinned]
     found: list[tuple[float, tuple[float, float, float]]] = []
-    for wn in _SCAN_FREQUENCIES_RAD_S:
+    for wn in (4.0, 8.0, 15.0, 30.0, 60.0):
         motion = model.motion(wn, _SCAN_DAMPING)
-        errors = np.empty(lags_s.size)
-        for i, lag_s in enumerate(lags_s):
-            answer = model.delayed(motion, float(lag_s))
-            errors[i] = float(np.sum((centred - (answer - answer.mean())) ** 2))
+        # The variance is independent of constant offsets.
+        errors = np.array([np.var(measured - model.delayed(motion, float(lag_s))) for lag_s in lags_s])
         padded = np.pad(errors, 1, constant_values=np.inf)
-        for i in map(int, np.flatnonzero((errors <= padded[:-2]) & (errors <= padded[2:]))):
+        for i in np.flatnonzero((errors <= padded[:-2]) & (errors <= padded[2:])):
             found.append((float(errors[i]), (float(lags_s[i]), math.log(wn), math.log(_SCAN_DAMPING))))
     starts: list[tuple[float, float, float]] = []
     for error, start in sorted(found):
         # A faster servo with a longer dead time is nearly equivalent: the fit converges from one to the other.
-        distinct = all(abs(start[0] - other[0]) > _DISTINCT_S for other in starts)
-        if distinct and error <= _COMPETITIVE * min(found)[0] and len(starts) < _STARTS:
+        distinct = all(abs(start[0] - other[0]) > 0.15 for other in starts)
+        if distinct and error <= 3.0 * min(found)[0] and len(starts) < 3:
             starts.append(start)
     return starts
 
 
-def _intervals(best: Fit) -> tuple[Interval, ...]:
-    """Intervals of dead time, natural frequency, damping, bandwidth and lag; on a log scale except for the first."""
+def _intervals(best: Fit) -> dict[str, Interval]:
+    """Intervals by field of `AxisEstimate`; on a log scale except for the dead time."""
     dead_time_s, log_wn, log_zeta = map(float, best.values)
     half_s = max(Z_95 * math.sqrt(best.covariance[0, 0]), _NARROWEST_S)
     wn, zeta = math.exp(log_wn), math.exp(log_zeta)
     step = 1e-5
     slope = math.log(bandwidth_hz(wn, zeta * math.exp(step)) / bandwidth_hz(wn, zeta * math.exp(-step))) / (2 * step)
-    combinations = (
-        (wn, (1.0, 0.0)),
-        (zeta, (0.0, 1.0)),
-        (bandwidth_hz(wn, zeta), (1.0, slope)),
-        (2 * zeta / wn, (-1.0, 1.0)),
-    )
-    found = [Interval.around(dead_time_s, half_s)]
-    for value, gradient in combinations:
+    combinations = {
+        "natural_frequency_rad_s": (wn, (1.0, 0.0)),
+        "damping_ratio": (zeta, (0.0, 1.0)),
+        "bandwidth_hz": (bandwidth_hz(wn, zeta), (1.0, slope)),
+        "servo_lag_s": (2 * zeta / wn, (-1.0, 1.0)),
+    }
+    found = {"dead_time_s": Interval.around(dead_time_s, half_s)}
+    for name, (value, gradient) in combinations.items():
         variance = float(np.array(gradient) @ best.covariance[1:, 1:] @ np.array(gradient))
-        # Bounded, to avoid overflow of the exponential.
-        half = min(max(Z_95 * math.sqrt(max(variance, 0.0)), _NARROWEST_SHARE), 50.0)
-        found.append(Interval(value, value * math.exp(-half), value * math.exp(half)))
-    return tuple(found)
+        # At least the numerical precision of the model; bounded, to avoid overflow of the exponential.
+        half = min(max(Z_95 * math.sqrt(max(variance, 0.0)), 1e-3), 50.0)
+        found[name] = Interval(value, value * math.exp(-half), value * math.exp(half))
+    return found
 
 
-def _doubts(
-    name: str,
-    best: Fit,
-    bounds: tuple[tuple[float, ...], tuple[float, ...]],
-    fit_percent: float,
-    dead_time: Interval,
-    bandwidth: Interval,
-) -> tuple[str, ...]:
+def _doubts(estimate: AxisEstimate, values: FloatArray, low: Sequence[float], high: Sequence[float]) -> tuple[str, ...]:
+    dead_time, bandwidth = estimate.dead_time_s, estimate.bandwidth_hz
     more = "move more (--amplitude-deg) or longer (--duration-s)"
     clocks = "check that commands and angles have time stamps of one clock"
     width_ms, width_percent = 1e3 * dead_time.half_width, 100.0 * bandwidth.half_width / bandwidth.value
     found = []
-    if fit_percent < _LEAST_FIT_PERCENT:
+    if estimate.fit_percent < _LEAST_FIT_PERCENT:
         found.append(
-            f"the model explains {fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are needed: "
-            "inspect the figure; the joint may be obstructed, too slow for its commands or not a second-order servo"
+            f"the model explains {estimate.fit_percent:.1f} % of the motion; at least {_LEAST_FIT_PERCENT:g} % are "
+            "needed: inspect the figure; the joint may be obstructed, too slow for its commands or not a second-order "
+            "servo"
         )
     widths = (("dead time", width_ms, _WIDEST_MS, "ms"), ("bandwidth", width_percent, _WIDEST_PERCENT, "%"))
     for what, width, widest, unit in widths:
         if width > widest:
             found.append(f"the {what} is uncertain by +-{width:.0f} {unit}; +-{widest:g} {unit} are needed: {more}")
     for i, label in enumerate(("dead time", "natural frequency", "damping ratio")):
-        for bound in (bounds[0][i], bounds[1][i]):
-            if abs(best.values[i] - bound) < _AT_BOUND:
+        for bound in (low[i], high[i]):
+            if abs(values[i] - bound) < 1e-3:
                 end = f"{1e3 * bound:.4g} ms" if i == 0 else f"{math.exp(bound):.4g}"
                 advice = "the joint may be obstructed" if i else f"allow more (--dead-time-max-s), or {clocks}"
                 found.append(f"the {label} is at the bound of the search ({end}): {advice}")
     if dead_time.high < -_NARROWEST_S:
         found.append(f"the joint moves {-1e3 * dead_time.value:.1f} ms before its commands: {clocks}")
-    return tuple(f"{name}: {doubt}" for doubt in found)
+    return tuple(f"{estimate.axis}: {doubt}" for doubt in found)
+
+
+@dataclass(frozen=True)
+class _AxisData:
+    """One joint of a record, with finite values at increasing times.
+
+    Attributes:
+        command_time_s: Send times of the commands, shape (K,), seconds.
+        command_rad: Shape (K,), radians.
+        time_s: Measurement times, shape (N,), seconds.
+        measured_rad: Shape (N,), radians.
+        misread: Number of removed outliers.
+    """
+
+    command_time_s: FloatArray
+    command_rad: FloatArray
+    time_s: FloatArray
+    measured_rad: FloatArray
+    misread: int
+
+
+def _prepare_axis(record: NeckRecord, index: int) -> _AxisData:
+    """Extract one axis from a record; `IdentificationError` if the data are insufficient."""
+    neck = record.neck()
+    name, axis = neck.joint_names[index], neck.axes[index]
+
+    def refuse(problem: str, advice: str) -> IdentificationError:
+        return IdentificationError(f"{name}: {problem}: {advice}")
+
+    reported, failed = record.joint_time_s.size, record.failed_reads
+    if reported == 0:
+        raise refuse(f"there are no readings of the joints ({failed} reads failed)", "check the robot's connection")
+    command_time_s, command = _advancing(record.command_time_s, record.command_rad[:, index])
+    time_s, measured = _advancing(record.joint_time_s, record.joint_rad[:, index])
+    if (stamps := time_s.size) < _FEWEST_READINGS:
+        needed = f"at least {_FEWEST_READINGS} are needed"
+        raise refuse(f"{reported} readings with {stamps} different time stamps; {needed}", "record longer")
+    span_s = min(time_s[-1], command_time_s[-1]) - max(time_s[0], command_time_s[0])
+    if span_s < _SHORTEST_S:
+        shared = f"commands and angles share {max(span_s, 0.0):.1f} s; at least {_SHORTEST_S:g} s are needed"
+        raise refuse(shared, "record longer, with time stamps of one clock")
+    inside = (time_s >= command_time_s[0]) & (time_s <= command_time_s[-1] + 1.0)
+    time_s, measured = time_s[inside], measured[inside]
+    command_deg = float(np.rad2deg(np.ptp(command)))
+    if command_deg < _LEAST_COMMAND_DEG:
+        moves = f"its command moves over {command_deg:.2f} deg; at least {_LEAST_COMMAND_DEG:g} deg are needed"
+        raise refuse(moves, "move it more (--amplitude-deg), or leave it out with --axes")
+    # Failed readings often come as a fixed angle far away, such as -180 deg.
+    reach = 2.0 * axis.velocity_max_rad_s * float(np.percentile(np.diff(time_s), 95))
+    # Outlier threshold: distance from both neighbours in addition to the joint's reach between them.
+    wild = np.abs(measured - median_filter(measured, size=5, mode="nearest")) > math.radians(5.0) + reach
+    if (share := wild.mean()) > 0.05:
+        raise refuse(f"{100 * share:.0f} % of the readings are implausible jumps", "check the encoder and its unit")
+    time_s, measured = time_s[~wild], measured[~wild]
+    moved_deg = float(np.rad2deg(np.ptp(np.percentile(measured, (1, 99)))))
+    if moved_deg < 0.2 * command_deg:
+        moves = f"the command moved over {command_deg:.1f} deg, the joint over {moved_deg:.1f} deg"
+        raise refuse(moves, "check that its motor is on, and that the angles are in radians and of this axis")
+    return _AxisData(command_time_s, command, time_s, measured, int(wild.sum()))
+
+
+def _advancing(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Finite rows at strictly increasing times; a robot may repeat a reading."""
+    finite = np.isfinite(time_s) & np.isfinite(value)
+    time_s, value = time_s[finite], value[finite]
+    newest = np.maximum.accumulate(time_s) if time_s.size else time_s
+    new = np.append(True, time_s[1:] > newest[:-1] + 1e-6)[: time_s.size]
+    return time_s[new], value[new]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of a fit with p parameters to n residuals.
+
+    Attributes:
+        values: Best parameters, shape (p,).
+        covariance: Their covariance, shape (p, p).
+        residual: Shape (n,).
+    """
+
+    values: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+
+
+def fit(
+    residual: Callable[[FloatArray], FloatArray],
+    starts: Sequence[Sequence[float]],
+    low: Sequence[float],
+    high: Sequence[float],
+    channels: int = 1,
+) -> Fit:
+    """Multi-start least squares.
+
+    Args:
+        residual: Maps parameters, shape (p,), to residuals in temporal order, shape (n,).
+        starts: Initial values.
+        low: Lower bounds.
+        high: Upper bounds.
+        channels: Number of consecutive residuals of the same time.
+
+    Returns:
+        The best fit.
+    """
+    results = [least_squares(residual, start, jac="3-point", bounds=(low, high)) for start in starts]
+    best = min(results, key=lambda result: float(result.cost))
+    return Fit(best.x, robust_covariance(np.asarray(best.jac), best.fun, channels), best.fun)
+
+
+def robust_covariance(jacobian: FloatArray, residual: FloatArray, channels: int = 1) -> FloatArray:
+    """Covariance of a least-squares estimate whose errors are correlated in time.
+
+    The spectrum of the errors is modelled by an autoregression fitted to the residuals (den Haan & Levin 1997, "A
+    practitioner's guide to robust covariance matrix estimation"). The formula for independent errors is a lower bound:
+    spurious correlation must not reduce the covariance.
+
+    Args:
+        jacobian: Shape (n, p).
+        residual: Shape (n,), in temporal order.
+        channels: Number of consecutive residuals of the same time.
+
+    Returns:
+        Shape (p, p); `Z_95` standard deviations are half the 95 % interval.
+    """
+    n, p = jacobian.shape
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    spread = n / max(n - p, 1)
+    # Decorrelate (whiten) the errors of one time.
+    errors = residual.reshape(-1, channels)
+    _, mixing = np.linalg.eigh(errors.T @ errors)
+    rows = np.einsum("tcp,cd->dtp", jacobian.reshape(-1, channels, p), mixing)
+    meat = sum(_of_stationary(row, error) for row, error in zip(rows, (errors @ mixing).T, strict=True))
+    correlated = spread * inverse @ meat @ inverse
+    independent = spread * inverse * float(residual @ residual) / n
+    ratio = np.diag(independent) / np.maximum(np.diag(correlated), 1e-300)
+    # Effective sample size of correlated errors, minus p degrees of freedom: Student's quantile.
+    freedom = np.maximum(len(errors) * np.minimum(1.0, ratio) - p, 1.0)
+    widening = (stdtrit(freedom, 0.975) / Z_95) ** 2 * (freedom + p) / freedom
+    more = np.sqrt(np.maximum(1.0, ratio) * widening)
+    return np.asarray(correlated * np.outer(more, more))
+
+
+def _of_stationary(jacobian: FloatArray, error: FloatArray) -> FloatArray:
+    """Covariance of ``jacobian.T @ error`` for errors with the spectrum of an autoregression, shape (p, p)."""
+    count = len(error)
+    # Order of the autoregression of residuals: white encoder noise plus slowly varying friction needs more than one.
+    order = min(4, count // 8)
+    # Zero padding to twice the length, against circular correlation.
+    power = np.abs(np.fft.rfft(error, 2 * count)) ** 2
+    autocovariance = np.fft.irfft(power)[: order + 1] / count
+    if not autocovariance[0] > 0.0:
+        return np.zeros((jacobian.shape[1],) * 2)
+    weights = solve_toeplitz(autocovariance[:-1], autocovariance[1:]) if order else np.empty(0)
+    innovation = autocovariance[0] - float(weights @ autocovariance[1:])
+    spectrum = innovation / np.abs(np.fft.rfft(np.append(1.0, -weights), 2 * count)) ** 2
+    spectrum[1:-1] *= 2.0  # the negative frequencies
+    transformed = np.fft.rfft(jacobian, 2 * count, axis=0)
+    products: FloatArray = np.einsum("f,fj,fk->jk", spectrum, transformed.conj(), transformed).real
+    return products / (2 * count)
+
+
+class ServoModel:
+    """Responses of ``q'' = wn^2 (u(t - d) - q) - 2 zeta wn q'`` to one axis's commands, at the times of the readings.
+
+    The servo without delay is simulated exactly, with zero-order hold, on a grid of about 2 ms. A cubic spline is
+    evaluated at time - d, so d is continuous. The joint is initially at rest at the first command.
+
+    Args:
+        command_time_s: Send times of the commands, shape (K,), increasing, seconds.
+        command_rad: Commands, each held until the next, shape (K,), radians.
+        time_s: Measurement times of the joint, shape (N,), increasing, seconds.
+    """
+
+    def __init__(self, command_time_s: FloatArray, command_rad: FloatArray, time_s: FloatArray) -> None:
+        period_s = float(np.median(np.diff(command_time_s)))
+        # An integer fraction of the period: regular command times are on the grid.
+        self._step_s = period_s / np.ceil(period_s / 0.002 - 1e-9)
+        self._first_rad = float(command_rad[0])
+        self._since_s = time_s - command_time_s[0]
+        self._from_first_s = time_s - time_s[0]
+        # Extension of the grid beyond the last reading, for slightly negative dead times during the fit.
+        cells = int(np.ceil((self._since_s[-1] + 0.2) / self._step_s)) + 2
+        self._grid_s = np.arange(cells + 1) * self._step_s
+        # Means over the cells from the integral of the held command: exact also for irregular command times.
+        knots_s = np.append(command_time_s - command_time_s[0], max(self._grid_s[-1], self._since_s[-1]) + period_s)
+        integral = np.concatenate([[0.0], np.cumsum(np.diff(knots_s) * (command_rad - command_rad[0]))])
+        cells_rad = np.diff(np.interp(self._grid_s, knots_s, integral)) / self._step_s
+        self._cells_rad: FloatArray = np.append(cells_rad, cells_rad[-1])
+
+    def motion(self, natural_frequency_rad_s: float, damping_ratio: float) -> CubicSpline:
+        """Motion without dead time from rest at 0, radians by seconds since the first command."""
+        numerator, denominator = self._discrete(natural_frequency_rad_s, damping_ratio)
+        return CubicSpline(self._grid_s, lfilter(numerator, denominator, self._cells_rad))
+
+    def delayed(self, motion: CubicSpline, dead_time_s: float) -> FloatArray:
+        """The motion a dead time later, at the times of the readings, shape (N,), radians."""
+        at_s = np.clip(self._since_s - dead_time_s, 0.0, self._grid_s[-1])
+        return np.asarray(self._first_rad + motion(at_s))
+
+    def free(self, natural_frequency_rad_s: float, damping_ratio: float) -> FloatArray:
+        """Basis of the free responses since the first reading, shape (N, 2)."""
+        _, denominator = self._discrete(natural_frequency_rad_s, damping_ratio)
+        responses = lfilter([1.0], denominator, np.eye(self._grid_s.size, 2), axis=0)
+        return np.asarray(CubicSpline(self._grid_s, responses)(self._from_first_s))
+
+    def _discrete(self, wn: float, zeta: float) -> tuple[FloatArray, FloatArray]:
+        system = np.array([wn**2]), np.array([1.0, 2.0 * zeta * wn, wn**2])
+        numerator, denominator, *_ = cont2discrete(system, self._step_s, method="zoh")
+        return np.ravel(numerator), np.asarray(denominator)

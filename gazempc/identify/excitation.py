@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from itertools import cycle
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gazempc.errors import SettingsError
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.robot import move_rad, stop_trajectory
+from gazempc.settings import Settings
 from gazempc.types import FloatArray
 
 ExcitedAxes = tuple[Literal["all", "pan", "tilt", "eye_pan", "eye_tilt", "body_yaw"], ...]
 
 # Share of the command limits in use: limits of an unidentified neck may be optimistic.
 _MARGIN = 0.9
-# Share of the speed limit during the approach to the start of the motion, as the response is unknown.
-_APPROACH_SPEED = 0.3
-_REST_BEFORE_S = 1.0
-# Longer than any plausible dead time, to record the response to the last motion.
-_REST_AFTER_S = 1.5
-_STEPS_SHARE = 0.45
-_LONGEST_STEP_S = 1.0
-_HOLD_S = (0.25, 0.8)
 # Targets of the steps, in amplitudes: all sizes, both directions.
 _TARGETS = (1.0, 0.0, -0.5, 0.5, -1.0, -0.75, 0.25, 0.0)
 _LOWEST_HZ, _HIGHEST_HZ = 0.2, 3.0
-_TAPER_S = 1.0
 
 
-class ExcitationSettings(BaseModel):
+class ExcitationSettings(Settings):
     """Parameters of the excitation."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     axes: ExcitedAxes = Field(
         default=("all",),
@@ -46,25 +37,7 @@ class ExcitationSettings(BaseModel):
     seed: int = Field(default=0, ge=0, description="Seed of the times of the steps and the phases of the sines")
 
 
-@dataclass(frozen=True)
-class Excitation:
-    """Commands to send, one per servo period.
-
-    Attributes:
-        period_s: Time between two commands, seconds.
-        position_rad: Angles of all joints, shape (K, N), radians.
-    """
-
-    period_s: float
-    position_rad: FloatArray
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the first to the last command, seconds."""
-        return (len(self.position_rad) - 1) * self.period_s
-
-
-def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) -> Excitation:
+def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) -> FloatArray:
     """Plan the motion.
 
     Velocity, acceleration and jerk stay within 0.9 of `NeckSpec.command_limits`, and so does the position once inside
@@ -76,28 +49,34 @@ def excite(neck: NeckSpec, start_rad: FloatArray, settings: ExcitationSettings) 
         settings: Joints, duration, amplitude and seed.
 
     Returns:
-        The commands: from the start to the middle of the motion, the motion, and back to rest in the middle.
+        Angles of all joints, one row per servo period, shape (K, N), radians: from the start to the middle of the
+        motion, the motion, and back to rest in the middle.
 
     Raises:
         SettingsError: If the neck has no such joint.
     """
     moving, limits = moving_joints(neck, settings.axes), neck.command_limits
+    samples = round(settings.duration_s * neck.servo_rate_hz)
+    # The rest after the motion is longer than any plausible dead time, to record the response to the last command.
+    rests = [round(rest_s * neck.servo_rate_hz) for rest_s in (1.0, 1.5)]
     columns = []
     for axis, name in enumerate(neck.joint_names):
-        part, centre = _motion(neck, axis, settings), float(start_rad[axis])
-        if name not in moving:
-            part = np.zeros_like(part)
-        else:
+        start = centre = float(start_rad[axis])
+        motion = np.zeros(samples)
+        if name in moving:
+            low, high = float(limits.position_min_rad[axis]), float(limits.position_max_rad[axis])
+            amplitude = min(math.radians(settings.amplitude_deg), 0.5 * _MARGIN * (high - low))
             # Centre of the motion: as near to the rest angle as the amplitude allows.
-            room = _amplitude_rad(neck, axis, settings) * np.array([1.0, -1.0])
-            ends = np.array([limits.position_min_rad[axis], limits.position_max_rad[axis]]) + room
-            centre = float(np.clip(neck.rest_rad[axis], *ends))
-        approach = _move(neck, axis, float(start_rad[axis]), centre, _APPROACH_SPEED)
-        columns.append((approach, centre + part))
+            centre = float(np.clip(neck.rest_rad[axis], low + amplitude, high - amplitude))
+            rng = np.random.default_rng([settings.seed, axis])
+            steps = _steps(neck, axis, amplitude, samples, rng)
+            motion = np.concatenate([steps, _multisine(neck, axis, amplitude, samples - steps.size, rng)])
+        # At a reduced speed, as the response is unknown.
+        columns.append((_move(neck, axis, start, centre, 0.3), centre + np.pad(motion, rests)))
     # Joints wait for the longest approach.
     waits = max(len(approach) for approach, _ in columns)
     position = [np.concatenate([approach, np.full(waits - len(approach), part[0]), part]) for approach, part in columns]
-    return Excitation(neck.servo_period_s, np.stack(position, axis=1))
+    return np.stack(position, axis=1)
 
 
 def moving_joints(neck: NeckSpec, axes: ExcitedAxes) -> tuple[str, ...]:
@@ -137,56 +116,39 @@ def brake(neck: NeckSpec, last_rad: FloatArray) -> FloatArray:
     return np.array([stop.at_time((k + 1) * period_s)[0] for k in range(int(np.ceil(stop.duration / period_s)) + 1)])
 
 
-def _amplitude_rad(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> float:
-    limits = neck.command_limits
-    half = 0.5 * _MARGIN * float(limits.position_max_rad[axis] - limits.position_min_rad[axis])
-    return min(float(np.deg2rad(settings.amplitude_deg)), half)
-
-
-def _motion(neck: NeckSpec, axis: int, settings: ExcitationSettings) -> FloatArray:
-    """The motion of one axis around 0, at rest at both ends; shape (K,), radians."""
-    rng = np.random.default_rng([settings.seed, axis])
-    steps = _steps(neck, axis, settings, rng)
-    sines = _multisine(neck, axis, settings, rng, round(settings.duration_s * neck.servo_rate_hz) - steps.size)
-    rests = [round(rest_s * neck.servo_rate_hz) for rest_s in (_REST_BEFORE_S, _REST_AFTER_S)]
-    return np.pad(np.concatenate([steps, sines]), rests)
-
-
-def _steps(neck: NeckSpec, axis: int, settings: ExcitationSettings, rng: np.random.Generator) -> FloatArray:
-    amplitude = _amplitude_rad(neck, axis, settings)
+def _steps(neck: NeckSpec, axis: int, amplitude: float, samples: int, rng: np.random.Generator) -> FloatArray:
+    """Steps around 0, at rest at both ends, in less than half of the samples; shape (K,), radians."""
     # The largest step is 1.5 amplitudes; a longer one would be a slow ramp, with little information.
-    while len(_move(neck, axis, 0.0, 1.5 * amplitude, 1.0)) > _LONGEST_STEP_S * neck.servo_rate_hz + 1:
+    while len(_move(neck, axis, 0.0, 1.5 * amplitude, 1.0)) > 1.0 * neck.servo_rate_hz + 1:
         amplitude *= 0.8
-    ends = round(_STEPS_SHARE * settings.duration_s * neck.servo_rate_hz)
     parts: list[FloatArray] = []
-    at, count, number = 0.0, 0, 0
+    at, count, targets = 0.0, 0, cycle(_TARGETS)
     while True:
-        target = amplitude * _TARGETS[number % len(_TARGETS)]
-        hold = np.full(round(rng.uniform(*_HOLD_S) * neck.servo_rate_hz), target)
+        target = amplitude * next(targets)
+        hold = np.full(round(rng.uniform(*(0.25, 0.8)) * neck.servo_rate_hz), target)
         step = np.concatenate([_move(neck, axis, at, target, 1.0), hold])
         home = _move(neck, axis, target, 0.0, 1.0)
-        if count + len(step) + len(home) > ends:
+        if count + len(step) + len(home) > round(0.45 * samples):
             return np.concatenate([*parts, _move(neck, axis, at, 0.0, 1.0)])
         parts.append(step)
-        at, count, number = target, count + len(step), number + 1
+        at, count = target, count + len(step)
 
 
-def _multisine(
-    neck: NeckSpec, axis: int, settings: ExcitationSettings, rng: np.random.Generator, samples: int
-) -> FloatArray:
+def _multisine(neck: NeckSpec, axis: int, amplitude: float, samples: int, rng: np.random.Generator) -> FloatArray:
+    """A band-limited motion around 0, at rest at both ends; shape (samples,), radians."""
     period_s, limits = neck.servo_period_s, neck.command_limits
     time_s = np.arange(samples) * period_s
     frequency_hz = np.geomspace(_LOWEST_HZ, min(_HIGHEST_HZ, neck.servo_rate_hz / 8), 18)
     phase_rad = rng.uniform(0, 2 * np.pi, frequency_hz.size)
     # Amplitudes proportional to 1/frequency: a flat velocity spectrum.
     waves = np.sin(2 * np.pi * frequency_hz[:, None] * time_s + phase_rad[:, None]) / frequency_hz[:, None]
-    taper_s = min(_TAPER_S, time_s[-1] / 3)
+    taper_s = min(1.0, time_s[-1] / 3)
     ramp = np.clip(np.minimum(time_s, time_s[-1] - time_s) / taper_s, 0.0, 1.0)
     # Three derivatives vanish at both ends of the ramp: continuous jerk.
     shape = waves.sum(axis=0) * ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
     # At rest before and after: the differences across the ends count too.
     padded = np.pad(shape, 3)
-    bounds = (_amplitude_rad(neck, axis, settings), *(_MARGIN * limit[axis] for limit in limits.derivatives))
+    bounds = (amplitude, *(_MARGIN * limit[axis] for limit in limits.derivatives))
     peaks = [float(np.abs(np.diff(padded, order)).max()) / period_s**order for order in range(4)]
     return np.asarray(shape * min(bound / peak for bound, peak in zip(bounds, peaks, strict=True)))
 

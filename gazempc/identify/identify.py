@@ -26,7 +26,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 from pydantic import Field
@@ -44,12 +44,8 @@ from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, take_options
 from gazempc.parts import ROBOT
+from gazempc.results.log_files import load_log
 from gazempc.robots.options import RobotChoice, RobotOptions
-
-if TYPE_CHECKING:
-    from gazempc.identify.estimate import AxisEstimate
-
-_INTERRUPTED = 130
 
 
 class IdentifySettings(ExcitationSettings):
@@ -116,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return run_command("identify", lambda: _run(parse(words)))
     except KeyboardInterrupt:
         print("identify: interrupted; the neck was stopped, nothing was written", file=sys.stderr)
-        return _INTERRUPTED
+        return 130  # as a shell reports SIGINT
 
 
 def parse(words: Sequence[str]) -> IdentifySettings:
@@ -145,11 +141,8 @@ def _run(settings: IdentifySettings) -> int:
     _check(settings)
     progress = Progress()
     if settings.new is not None:
-        urdf = None
-        if settings.urdf is not None:
-            if settings.eye_frame is None:
-                raise SettingsError("--urdf: needs --eye-frame, the link at the eye")
-            urdf = read_urdf(settings.urdf, settings.eye_frame, settings.pan_joint, settings.tilt_joint)
+        frames = settings.eye_frame, settings.pan_joint, settings.tilt_joint
+        urdf = None if settings.urdf is None else read_urdf(settings.urdf, *frames)
         write_new_neck(settings.new, settings.sheet, urdf)
     elif settings.tracker is not None:
         # Local import: other modes need neither readers nor the fit.
@@ -175,11 +168,18 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
     failed = f", {taken.failed_reads} reads failed" if taken.failed_reads else ""
     print(f"{origin}: {taken.command_time_s.size} commands, {taken.joint_time_s.size} readings{failed}")
     progress.begin("fitting")
-    estimates, refusals = _estimate(taken, settings)
-
-    # Local import of Matplotlib: --help and error messages without delay.
+    # Local imports of SciPy and Matplotlib: --help and error messages without delay.
+    from gazempc.identify.estimate import estimate_axis  # noqa: PLC0415
     from gazempc.identify.identified import draw, neck_toml, table  # noqa: PLC0415
 
+    estimates, refusals = [], list[str]()
+    names = taken.neck().joint_names
+    for axis in moving_joints(taken.neck(), settings.axes):
+        try:
+            estimates.append(estimate_axis(taken, names.index(axis), settings.dead_time_max_s))
+            refusals += estimates[-1].doubts
+        except IdentificationError as error:
+            refusals.append(str(error))
     if estimates:
         print(f"\n{table(estimates, neck)}\n\n± is half the 95 % confidence interval.")
         for note in (estimate.note for estimate in estimates if estimate.note and not estimate.doubts):
@@ -193,7 +193,7 @@ def _identify_neck(settings: IdentifySettings, progress: Progress) -> None:
         files = f"\nInspect: {', '.join(map(str, written))}" if written else ""
         reasons = "".join(f"\n  {refusal}" for refusal in refusals)
         raise IdentificationError(f"no neck file written; the data do not determine the neck:{reasons}{files}")
-    text = neck_toml(neck, estimates, settings.out.stem, origin, datetime.date.today())
+    text = neck_toml(neck, estimates, settings.out.stem, origin)
     write_whole(settings.out, text)
     _print_margins(load_neck(settings.out))
     print(f"\nWritten: {', '.join(map(str, [settings.out, *written]))}")
@@ -209,15 +209,18 @@ def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord,
             joints, others = ", ".join(taken.neck().joint_names), ", ".join(neck.joint_names)
             raise SettingsError(f"--neck {settings.neck}: has {others}; {settings.from_log} has {joints}")
         return taken, neck, settings.from_log.name
-    if settings.neck is None and settings.robot is not None and not keeps_any_clock(ROBOT, settings.robot):
-        raise SettingsError(f"--neck: a real robot ({settings.robot}) needs its own neck file, with its limits")
+    robot = settings.robot or ""
+    simulated = keeps_any_clock(ROBOT, robot)
+    if settings.neck is None and not simulated:
+        raise SettingsError(f"--neck: a real robot ({robot}) needs its own neck file, with its limits")
     neck = load_neck(settings.neck or "reference")
     if neck.takes_speeds or not neck.reports_joints:
         accepted = 'command = "position" and reports_joints = true, or --source camera:URL'
         raise SettingsError(f"neck {neck.name!r}: needs position commands and encoders; accepted: {accepted}")
-    taken = _excite(settings, neck, progress)
+    # A simulated neck runs on a simulated clock, faster than real time.
+    taken = _excite(robot, settings, neck, SimulatedClock() if simulated else RealClock(), progress)
     taken.save(settings.out.with_suffix(".npz"))
-    return taken, neck, f"robot {settings.robot}, neck {neck.name}"
+    return taken, neck, f"robot {robot}, neck {neck.name}"
 
 
 def _check(settings: IdentifySettings) -> None:
@@ -236,10 +239,7 @@ def _check(settings: IdentifySettings) -> None:
         raise GazempcError(f"{option} {path}: cannot create its folder: {error.strerror}") from None
 
 
-def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> NeckRecord:
-    name = settings.robot or "simulated"
-    # A simulated neck runs on a simulated clock, faster than real time.
-    clock: Clock = SimulatedClock() if keeps_any_clock(ROBOT, name) else RealClock()
+def _excite(name: str, settings: IdentifySettings, neck: NeckSpec, clock: Clock, progress: Progress) -> NeckRecord:
     with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
         called(robot.connect)
         # Never set: only an exception ends the wait or the motion.
@@ -248,27 +248,13 @@ def _excite(settings: IdentifySettings, neck: NeckSpec, progress: Progress) -> N
         assert start_rad is not None
         go_in(robot, neck, clock, start_rad, never)
         excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
-        progress.begin(f"moving the neck for {excitation.duration_s:.0f} s")
+        progress.begin(f"moving the neck for {len(excitation) * neck.servo_period_s:.0f} s")
         about = {
             "from": f"robot {name}",
             "date": datetime.date.today().isoformat(),
             "settings": settings.model_dump(mode="json", exclude={"out", "from_log"}),
         }
         return record(robot, clock, excitation, neck, about, progress.at)
-
-
-def _estimate(taken: NeckRecord, settings: IdentifySettings) -> tuple[list[AxisEstimate], list[str]]:
-    from gazempc.identify.estimate import estimate_axis  # noqa: PLC0415
-
-    estimates, refusals = [], list[str]()
-    neck = taken.neck()
-    for axis in moving_joints(neck, settings.axes):
-        try:
-            estimates.append(estimate_axis(taken, neck.joint_names.index(axis), settings.dead_time_max_s))
-            refusals += estimates[-1].doubts
-        except IdentificationError as error:
-            refusals.append(str(error))
-    return estimates, refusals
 
 
 def _print_margins(neck: NeckSpec) -> None:
@@ -285,7 +271,6 @@ def _print_margins(neck: NeckSpec) -> None:
 
 def _print_latency(path: Path) -> None:
     from gazempc.identify.latency import log_latency  # noqa: PLC0415
-    from gazempc.results.log_files import load_log  # noqa: PLC0415
 
     try:
         arrived, captured = log_latency(load_log(path))
@@ -296,7 +281,3 @@ def _print_latency(path: Path) -> None:
         return
     print(f"\nSensor latency, from the person's motion to the arrival of its observation: {arrived.shown(1e3, 1)} ms;")
     print(f"its capture times are {captured.shown(1e3, 1)} ms late (should be 0).")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from gazempc.identify.estimate import Interval
+from gazempc.identify.estimate import Z_95, Interval, fit
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.servo_fit import Z_95, fit
 from gazempc.results.log import Log
 from gazempc.types import FloatArray
 
@@ -18,7 +17,6 @@ _FEWEST_OBSERVATIONS = 30
 _SCAN_STEP_S = 0.01
 _EARLIEST_S = -0.2
 _WIDEST_S = 0.02
-_NARROWEST_S = 1e-4
 
 
 def estimate_latency(
@@ -76,7 +74,8 @@ def estimate_latency(
     channels = observed.shape[1]
     best = fit(lambda values: residual(values[0], used).ravel(), [[near_s]], [low_s], [high_s], channels)
     latency_s = float(best.values[0])
-    half_s = max(Z_95 * math.sqrt(float(best.covariance[0, 0])), _NARROWEST_S)
+    # Numerical precision of the model.
+    half_s = max(Z_95 * math.sqrt(float(best.covariance[0, 0])), 1e-4)
     if min(latency_s - low_s, high_s - latency_s) < 1e-6 or near_s in (lags_s[0], lags_s[-1]):
         between = f"none between {_EARLIEST_S:g} and {latency_max_s:g} s"
         raise _refused(f"{between} aligns the observations with the motion: check that both are on one clock")

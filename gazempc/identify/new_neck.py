@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -24,8 +24,7 @@ from gazempc.specfiles import parse_spec
 _DEG = math.pi / 180.0
 # Conversion factors to rad/s. Data sheets of servos state the time for 60 degrees.
 _SPEEDS = {"deg/s": _DEG, "rad/s": 1.0, "rpm": 2.0 * math.pi / 60.0}
-_SECONDS_FOR_60_DEG = "s/60deg"
-_SPEED_UNITS = f"{', '.join(_SPEEDS)} or {_SECONDS_FOR_60_DEG}"
+_SPEED_UNITS = f"{', '.join(_SPEEDS)} or s/60deg"
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 
 Answer = TypeVar("Answer")
@@ -70,13 +69,12 @@ def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
     """
     if path.exists():
         raise SettingsError(f"--new {path}: exists already; give another name, or delete it first")
-    axes = {
-        name: _axis(name, sheet)
-        if urdf is None
-        else _Axis(*urdf.range_deg[k], urdf.speed_rad_s[k], f"{urdf.speed_rad_s[k]:g} rad/s")
-        for k, name in enumerate(AXES)
-    }
-    text = neck_file(path.stem, axes, sheet.head_view_deg, datetime.date.today(), urdf)
+    if urdf is None:
+        axes = [_axis(name, sheet) for name in AXES]
+    else:
+        values = zip(urdf.range_deg, urdf.speed_rad_s, strict=True)
+        axes = [_Axis(*range_deg, speed_rad_s, f"{speed_rad_s:g} rad/s") for range_deg, speed_rad_s in values]
+    text = neck_file(path.stem, axes, sheet.head_view_deg, urdf)
     neck = parse_spec(NeckSpec, text, str(path))
     write_whole(path, text)
     for name, axis in zip(AXES, neck.axes, strict=True):
@@ -102,11 +100,7 @@ def write_new_neck(path: Path, sheet: DataSheet, urdf: UrdfNeck | None) -> None:
 
 
 def neck_file(
-    name: str,
-    axes: dict[str, _Axis],
-    head_view_deg: tuple[float, float] | None,
-    today: datetime.date,
-    urdf: UrdfNeck | None = None,
+    name: str, axes: Sequence[_Axis], head_view_deg: tuple[float, float] | None, urdf: UrdfNeck | None
 ) -> str:
     """Text of a neck file.
 
@@ -114,7 +108,6 @@ def neck_file(
         name: Name of the neck.
         axes: Pan and tilt.
         head_view_deg: Field of view of a camera on the head.
-        today: Date for its source.
         urdf: Source of the geometry; None for zero offsets.
 
     Returns:
@@ -126,8 +119,8 @@ def neck_file(
         origin, about = "URDF", f"# URDF: {' and '.join(urdf.joint_names)}."
         tilt_axis_m, eye_m = ((each.round(5) + 0.0).tolist() for each in (urdf.tilt_axis_in_pan_m, urdf.eye_in_tilt_m))
     source = (
-        f"{origin}: range and top speed (gazempc identify --new, {today.isoformat()}). Limits of speed, acceleration "
-        "and jerk, servo and dead time by rules of thumb: assumed, not measured"
+        f"{origin}: range and top speed (gazempc identify --new, {datetime.date.today().isoformat()}). Limits of "
+        "speed, acceleration and jerk, servo and dead time by rules of thumb: assumed, not measured"
     )
     lines = [
         as_toml({"name": name, "source": source}).rstrip(),
@@ -140,32 +133,29 @@ def neck_file(
         f"tilt_axis_in_pan_m = {tilt_axis_m}",
         f"eye_in_tilt_m = {eye_m}",
     ]
-    for axis_name, axis in axes.items():
-        lines += ["", *_table(axis_name, axis, origin)]
+    for axis_name, axis in zip(AXES, axes, strict=True):
+        velocity = rules.SPEED_SHARE * axis.speed_rad_s
+        acceleration = rules.ACCELERATION_PER_SPEED_1_S * velocity
+        jerk = rules.JERK_PER_ACCELERATION_1_S * acceleration
+        lines += ["", f"[{axis_name}]"]
+        for field, value, why in (
+            ("position_min_deg", axis.low_deg, origin),
+            ("position_max_deg", axis.high_deg, origin),
+            ("velocity_max_rad_s", velocity, f"assumed: {rules.SPEED_SHARE:g} of the top speed, {axis.sheet_speed}"),
+            ("acceleration_max_rad_s2", acceleration, f"assumed: {rules.RULES['acceleration_max_rad_s2']}"),
+            ("jerk_max_rad_s3", jerk, f"assumed: {rules.RULES['jerk_max_rad_s3']}"),
+            ("natural_frequency_rad_s", rules.NATURAL_FREQUENCY_RAD_S, "assumed, until it is measured"),
+            ("damping_ratio", rules.DAMPING_RATIO, "assumed, until it is measured"),
+            ("dead_time_s", rules.DEAD_TIME_S, "assumed, until it is measured"),
+        ):
+            text = f"{field} = {float(format(value, '.4g'))}"
+            lines.append(f"{text:<35} # {why}")
     return "\n".join(lines) + "\n"
-
-
-def _table(name: str, axis: _Axis, origin: str) -> list[str]:
-    velocity = rules.SPEED_SHARE * axis.speed_rad_s
-    acceleration = rules.ACCELERATION_PER_SPEED_1_S * velocity
-    jerk = rules.JERK_PER_ACCELERATION_1_S * acceleration
-    rows = [
-        ("position_min_deg", axis.low_deg, origin),
-        ("position_max_deg", axis.high_deg, origin),
-        ("velocity_max_rad_s", velocity, f"assumed: {rules.SPEED_SHARE:g} of the top speed, {axis.sheet_speed}"),
-        ("acceleration_max_rad_s2", acceleration, f"assumed: {rules.RULES['acceleration_max_rad_s2']}"),
-        ("jerk_max_rad_s3", jerk, f"assumed: {rules.RULES['jerk_max_rad_s3']}"),
-        ("natural_frequency_rad_s", rules.NATURAL_FREQUENCY_RAD_S, "assumed, until it is measured"),
-        ("damping_ratio", rules.DAMPING_RATIO, "assumed, until it is measured"),
-        ("dead_time_s", rules.DEAD_TIME_S, "assumed, until it is measured"),
-    ]
-    texts = [(f"{field} = {float(format(value, '.4g'))}", why) for field, value, why in rows]
-    return [f"[{name}]", *(f"{text:<35} # {why}" for text, why in texts)]
 
 
 def _axis(name: str, sheet: DataSheet) -> _Axis:
     ends = "right and left end" if name == "pan" else "lowest and highest"
-    given = sheet.pan_deg if name == "pan" else sheet.tilt_deg
+    given = getattr(sheet, f"{name}_deg")
     low, high = _answer(
         None if given is None else f"{given[0]} {given[1]}",
         f"--sheet.{name}-deg",
@@ -230,7 +220,6 @@ def read_speed(text: str) -> float:
     """
     found = re.fullmatch(rf"\s*({_NUMBER})\s*([a-zA-Z°/\d]+)\s*", text)
     unit = "" if found is None else found[2].lower().replace("°", "deg")
-    number = 0.0 if found is None else float(found[1])
-    if number > 0 and unit in (*_SPEEDS, _SECONDS_FOR_60_DEG):
-        return number * _SPEEDS[unit] if unit in _SPEEDS else 60.0 * _DEG / number
+    if found is not None and float(found[1]) > 0 and unit in (*_SPEEDS, "s/60deg"):
+        return float(found[1]) * _SPEEDS[unit] if unit in _SPEEDS else 60.0 * _DEG / float(found[1])
     raise ValueError(f"{text!r} is not a speed; expected: a number with its unit, {_SPEED_UNITS}")

@@ -15,7 +15,7 @@ import numpy as np
 
 from gazempc.errors import GazempcError, RobotError, SettingsError, shown
 from gazempc.files.whole import write_whole
-from gazempc.identify.excitation import Excitation, brake
+from gazempc.identify.excitation import brake
 from gazempc.live.clock import Clock
 from gazempc.loop.boundary import numbers
 from gazempc.neck.spec import NeckSpec
@@ -27,8 +27,6 @@ from gazempc.types import FloatArray
 _T = TypeVar("_T")
 # Timeout of readings: without feedback the motion is stopped.
 _SILENCE_S = 0.5
-# Longest delay of a tick: continuing at the previous speed would cause a jerk.
-_STALL_S = 0.15
 # Plausibility bound, also of Unix time in seconds.
 _LARGEST = 1e12
 
@@ -96,18 +94,18 @@ def called(method: Callable[..., _T], *given: object) -> _T:
 def record(
     robot: Robot,
     clock: Clock,
-    excitation: Excitation,
+    excitation_rad: FloatArray,
     neck: NeckSpec,
     about: dict[str, Any],
-    on_tick: Callable[[float], None] | None = None,
+    on_tick: Callable[[float], object] = lambda _: None,
 ) -> NeckRecord:
     """Execute the excitation and record the response. After an interrupt the command is first brought to rest.
 
     Args:
         robot: Connected; stays connected.
         clock: The robot's clock.
-        excitation: Commands, from the present joint angles.
-        neck: The neck with the limits of the stop.
+        excitation_rad: Commands from the present joint angles, one per servo period, shape (K, N), radians.
+        neck: The neck with its servo rate, and the limits of the stop.
         about: Description of the origin; the neck is added.
         on_tick: Called after each tick with the completed share, 0 to 1.
 
@@ -122,15 +120,17 @@ def record(
     commands: list[tuple[float, FloatArray]] = []
     readings: list[tuple[float, FloatArray]] = []
     failed, silent_since_s = 0, clock.now_s()
-    start_s, count = clock.now_s() + excitation.period_s, len(excitation.position_rad)
+    start_s = clock.now_s() + neck.servo_period_s
     try:
-        for tick in range(count):
-            clock.sleep_until_s(start_s + tick * excitation.period_s)
+        for tick, wanted_rad in enumerate(excitation_rad):
+            due_s = start_s + tick * neck.servo_period_s
+            clock.sleep_until_s(due_s)
             # After a late tick the schedule is shifted: skipped commands would cause a step.
-            late_s = clock.now_s() - (start_s + tick * excitation.period_s)
-            if late_s > _STALL_S:
+            late_s = clock.now_s() - due_s
+            # Longest delay of a tick: continuing at the previous speed would cause a jerk.
+            if late_s > 0.15:
                 raise RobotError(f"stopped: a tick was {1e3 * late_s:.0f} ms late; reduce the load of this computer")
-            if late_s > excitation.period_s:
+            if late_s > neck.servo_period_s:
                 start_s += late_s
             try:
                 state = checked_reading(called(robot.read_state), neck)
@@ -143,18 +143,17 @@ def record(
                     raise RobotError(f"stopped: the joints could not be read for {_SILENCE_S} s ({error})") from None
             sent_at_s = clock.now_s()
             try:
-                sent = called(robot.send_command, excitation.position_rad[tick])
+                sent = called(robot.send_command, wanted_rad)
                 sent_rad = numbers("the result of send_command()", sent, (neck.joints,))
             except (GazempcError, OSError, ValueError) as error:
                 done_s = sent_at_s - start_s
                 raise RobotError(f"stopped after {done_s:.1f} s: a command failed ({error})") from None
             commands.append((sent_at_s, sent_rad))
-            if on_tick is not None:
-                on_tick(tick / count)
+            on_tick(tick / len(excitation_rad))
     except BaseException:
         # After any exception the robot is stopped if it still accepts commands.
         with contextlib.suppress(Exception), _undisturbed():
-            _stop(robot, clock, neck, excitation.position_rad[: max(len(commands), 1)])
+            _stop(robot, clock, neck, excitation_rad[: max(len(commands), 1)])
         raise
     return NeckRecord(
         about=json.dumps({**about, "neck": neck.model_dump()}, sort_keys=True),
@@ -180,9 +179,9 @@ def _undisturbed() -> Iterator[None]:
 
 
 def _stop(robot: Robot, clock: Clock, neck: NeckSpec, sent_rad: FloatArray) -> None:
-    last = np.concatenate([np.repeat(sent_rad[:1], 3, axis=0), sent_rad])[-3:]
     start_s = clock.now_s()
-    for i, position_rad in enumerate(brake(neck, last)):
+    # Before the first command the neck was at rest.
+    for i, position_rad in enumerate(brake(neck, np.pad(sent_rad, ((3, 0), (0, 0)), mode="edge")[-3:])):
         clock.sleep_until_s(start_s + i * neck.servo_period_s)
         robot.send_command(position_rad)
 
@@ -199,9 +198,8 @@ def load_record(path: Path | str) -> NeckRecord:
     Raises:
         SettingsError: If the file is missing or neither of them.
     """
-    values = read_arrays(path)
-    wanted = [f.name for f in fields(NeckRecord)]
-    if all(name in values for name in wanted):
+    values, wanted = read_arrays(path), {f.name for f in fields(NeckRecord)}
+    if wanted <= values.keys():
         return _record(path, {name: values[name] for name in wanted})
     log = load_log(path)
     # The log has one row per tick, with NaN for missing readings.

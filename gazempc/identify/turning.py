@@ -9,32 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from gazempc.identify.estimate import Interval
+from gazempc.identify.estimate import Z_95, Interval, fit
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.servo_fit import Z_95, fit
 from gazempc.live.sources.camera.blazeface import import_opencv
-from gazempc.types import FloatArray
+from gazempc.types import BoolArray, FloatArray
 
-# Least standard deviation of grey levels; below it a picture is dark, or a blank wall.
-_LEAST_CONTRAST = 4.0
-# Largest median difference of two registered pictures, in standard deviations; above it they do not overlap.
-_LARGEST_ERROR = 0.35
-# Gauss-Newton steps of the subpixel registration.
-_STEPS = 5
-# Number of candidates: a correlation peak is two or three columns wide, and a moving person may cause another one.
-_PEAKS = 12
 # Largest shift, as a share of the picture: beyond it the overlap is too small.
 _LARGEST_SHIFT = 0.45
 # Standard deviation of the time at which a device receives a command.
 _SEND_JITTER_S = 0.004
-_LAG_RAD_S = (2.0, 100.0)
-_FEWEST = 4
 
 
 class Turning:
@@ -64,7 +53,8 @@ class Turning:
         Raises:
             IdentificationError: If the picture is dark or blank.
         """
-        if float(np.std(grey)) < _LEAST_CONTRAST:
+        # Least standard deviation of grey levels; below it a picture is dark, or a blank wall.
+        if float(np.std(grey)) < 4.0:
             raise IdentificationError(
                 "the picture is dark or blank: point the camera at a scene with texture, in light"
             )
@@ -88,7 +78,8 @@ class Turning:
         pairs = {px: _common(before, after, px) for px in tried if abs(px) < columns // 2}
         left = {px: float(np.median(np.abs(one - other))) for px, (one, other) in pairs.items()}
         best = min(left, key=lambda whole_px: left[whole_px])
-        if abs(best) > _LARGEST_SHIFT * columns or left[best] > _LARGEST_ERROR * float(np.std(before)):
+        # Largest median difference of two registered pictures, in standard deviations; above it they do not overlap.
+        if abs(best) > _LARGEST_SHIFT * columns or left[best] > 0.35 * float(np.std(before)):
             return math.nan
         return self._refined(before, after, best) / self._focal_px
 
@@ -102,7 +93,9 @@ class Turning:
         surface = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-9), one.shape)
         # Rotation about this axis causes no transverse shift.
         profile, columns = surface[[-1, 0, 1]].max(axis=0), one.shape[1]
-        highest = np.argsort(profile)[-_PEAKS:]
+        # Number of candidates: a correlation peak is two or three columns wide, and a moving person may cause another
+        # one.
+        highest = np.argsort(profile)[-12:]
         return [start_px + int((k + columns // 2) % columns - columns // 2) for k in highest]
 
     def _refined(self, before: Any, after: Any, whole_px: int) -> float:
@@ -110,7 +103,8 @@ class Turning:
         cv2 = self._cv2
         one, other = _common(cv2.GaussianBlur(before, (0, 0), 1.5), cv2.GaussianBlur(after, (0, 0), 1.5), whole_px)
         part_px = 0.0
-        for _ in range(_STEPS):
+        # Gauss-Newton steps of the subpixel registration.
+        for _ in range(5):
             moved = cv2.warpAffine(other, np.array([[1.0, 0.0, -part_px], [0.0, 1.0, 0.0]]), other.shape[::-1])
             slope = 0.25 * (np.gradient(one, axis=1) + np.gradient(moved, axis=1))[4:-4, 4:-4]
             error = (one - moved)[4:-4, 4:-4]
@@ -128,33 +122,27 @@ def _common(before: Any, after: Any, whole_px: int) -> tuple[Any, Any]:
     return one, after[:, max(whole_px, 0) : columns + min(whole_px, 0)]
 
 
-class Odometer:
-    """Visual odometry over a stream of pictures, with key frames: drift accumulates only at changes of the key frame.
+def turned_rad(turning: Turning, greys: Sequence[Any], most_rad: float) -> FloatArray:
+    """Visual odometry over pictures, with key frames: drift accumulates only at changes of the key frame.
 
     Args:
         turning: Measures the rotation between two pictures.
+        greys: The N pictures, grey.
         most_rad: Rotation beyond which a new key frame is taken.
+
+    Returns:
+        The rotation since the first picture, shape (N,), radians; NaN for an invalid picture, such as a blurred one.
     """
-
-    def __init__(self, turning: Turning, most_rad: float) -> None:
-        self._turning, self._most_rad = turning, most_rad
-        self._key: Any = None
-        self._key_rad = self._last_rad = self._rate_rad = 0.0
-
-    def add(self, grey: Any) -> float:
-        """The rotation since the first picture, radians; NaN for an invalid picture, such as a blurred one."""
-        flat = self._turning.flat(grey)
-        if self._key is None:
-            self._key = flat
-            return 0.0
-        moved_rad = self._turning.between(self._key, flat, self._last_rad + self._rate_rad - self._key_rad)
-        if math.isnan(moved_rad):
-            return math.nan
-        now_rad = self._key_rad + moved_rad
-        self._rate_rad, self._last_rad = now_rad - self._last_rad, now_rad
-        if abs(moved_rad) > self._most_rad:
-            self._key, self._key_rad = flat, now_rad
-        return now_rad
+    key, found_rad = turning.flat(greys[0]), [0.0]
+    key_rad = last_rad = rate_rad = 0.0
+    for flat in map(turning.flat, greys[1:]):
+        moved_rad = turning.between(key, flat, last_rad + rate_rad - key_rad)
+        found_rad.append(key_rad + moved_rad)
+        if not math.isnan(moved_rad):
+            rate_rad, last_rad = found_rad[-1] - last_rad, found_rad[-1]
+        if abs(moved_rad) > most_rad:
+            key, key_rad = flat, last_rad
+    return np.array(found_rad)
 
 
 @dataclass(frozen=True)
@@ -211,74 +199,74 @@ def estimate_turns(pulses: Sequence[Pulse], delay_max_s: float) -> TurnEstimate:
     Raises:
         IdentificationError: If the delay is not identifiable.
     """
-    known = [(pulse, np.isfinite(pulse.angle_rad)) for pulse in pulses]
-    used = [(pulse, pulse.time_s[fine], pulse.angle_rad[fine]) for pulse, fine in known if fine.sum() >= _FEWEST]
+    used = _masked(pulses, [np.isfinite(pulse.angle_rad) for pulse in pulses])
     if not used:
         raise IdentificationError("no pulse has enough pictures that can be compared: more light, less blur")
 
-    def solved(values: FloatArray) -> tuple[list[FloatArray], list[float]]:
+    def solved(values: Sequence[float] | FloatArray) -> tuple[list[FloatArray], list[float]]:
         residuals, speeds = [], []
-        for pulse, time_s, angle_rad in used:
-            since_s = time_s - values[0]
+        for pulse in used:
+            since_s = pulse.time_s - values[0]
             shape = _ramp(since_s - pulse.on_s, math.exp(values[1])) - _ramp(since_s - pulse.off_s, math.exp(values[1]))
             design = np.stack([np.ones_like(shape), shape], axis=1)
-            found, *_ = np.linalg.lstsq(design, angle_rad, rcond=None)
-            residuals.append(angle_rad - design @ found)
+            found, *_ = np.linalg.lstsq(design, pulse.angle_rad, rcond=None)
+            residuals.append(pulse.angle_rad - design @ found)
             speeds.append(float(found[1]))
         return residuals, speeds
 
+    def residual(values: Sequence[float] | FloatArray) -> FloatArray:
+        return np.concatenate(solved(values)[0])
+
     starts = [(delay_s, math.log(lag)) for delay_s in np.arange(0.05, delay_max_s, 0.2) for lag in (8.0, 30.0)]
-    scanned = sorted(starts, key=lambda values: float(np.sum(np.concatenate(solved(np.array(values))[0]) ** 2)))
-    low, high = (-0.05, math.log(_LAG_RAD_S[0])), (delay_max_s + 0.2, math.log(_LAG_RAD_S[1]))
-    best = fit(lambda values: np.concatenate(solved(values)[0]), scanned[:2], low, high)
+    scanned = sorted(starts, key=lambda values: float(np.sum(residual(values) ** 2)))
+    low, high = (-0.05, math.log(2.0)), (delay_max_s + 0.2, math.log(100.0))
+    best = fit(residual, scanned[:2], low, high)
     # Refit without outliers from wrong registrations.
     least_rad = 4.0 * 1.48 * float(np.median(np.abs(best.residual))) + 1e-4
-    fine = [np.abs(own) <= least_rad for own in solved(best.values)[0]]
-    kept = [(p, time_s[f], angle_rad[f]) for (p, time_s, angle_rad), f in zip(used, fine, strict=True)]
-    used = [each for each in kept if each[1].size >= _FEWEST]
-    best = fit(lambda values: np.concatenate(solved(values)[0]), [tuple(best.values)], low, high)
+    used = _masked(used, [np.abs(own) <= least_rad for own in solved(best.values)[0]])
+    best = fit(residual, [tuple(best.values)], low, high)
     residuals, speeds = solved(best.values)
     noise_rad = float(np.sqrt(np.mean(best.residual**2)))
-    if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([a - a.mean() for *_, a in used]) ** 2))):
+    if noise_rad > 0.3 * float(np.sqrt(np.mean(np.concatenate([p.angle_rad - p.angle_rad.mean() for p in used]) ** 2))):
         raise IdentificationError("the picture does not follow the commands: check the camera and the scene")
     found: dict[int, list[tuple[float, float]]] = {}
-    for (pulse, time_s, angle_rad), own, speed in zip(used, residuals, speeds, strict=True):
-        found.setdefault(pulse.step, []).append(_speed(pulse, time_s, angle_rad, best.values, speed, own))
+    for pulse, own, speed in zip(used, residuals, speeds, strict=True):
+        found.setdefault(pulse.step, []).append(_speed(pulse, best.values, speed, own))
     wide = Z_95 * np.sqrt(np.diag(best.covariance))
     wn = math.exp(best.values[1])
     return TurnEstimate(
         delay_s=Interval.around(best.values[0], wide[0]),
         natural_frequency_rad_s=Interval(wn, wn * math.exp(-wide[1]), wn * math.exp(wide[1])),
-        speeds_rad_s={step: _mean(each) for step, each in sorted(found.items())},
+        # The median is robust to single pulses with motion in the scene.
+        speeds_rad_s={
+            step: Interval.around(np.median(speeds), Z_95 * max(sds) / math.sqrt(len(sds)))
+            for step, (speeds, sds) in sorted((step, zip(*each, strict=True)) for step, each in found.items())
+        },
         residual_deg=math.degrees(noise_rad),
     )
 
 
-def _speed(
-    pulse: Pulse, time_s: FloatArray, angle_rad: FloatArray, servo: FloatArray, start_rad_s: float, residual: FloatArray
-) -> tuple[float, float]:
+def _masked(pulses: Sequence[Pulse], masks: Sequence[BoolArray]) -> list[Pulse]:
+    """The pulses at the masked times, without those that have too few."""
+    pairs = [(pulse, mask) for pulse, mask in zip(pulses, masks, strict=True) if mask.sum() >= 4]
+    return [replace(pulse, time_s=pulse.time_s[mask], angle_rad=pulse.angle_rad[mask]) for pulse, mask in pairs]
+
+
+def _speed(pulse: Pulse, servo: FloatArray, start_rad_s: float, residual: FloatArray) -> tuple[float, float]:
     """Speed of one pulse and its standard deviation; includes the uncertainty of both send times."""
-    since_s, wn = time_s - servo[0], math.exp(servo[1])
+    since_s, wn = pulse.time_s - servo[0], math.exp(servo[1])
     noise_rad = min(max(1.48 * float(np.median(np.abs(residual))), 1e-4), 2e-3)
 
     def residuals(values: FloatArray) -> FloatArray:
         first_rad, speed, on_s, off_s = values
-        turned_rad = speed * (_ramp(since_s - pulse.on_s - on_s, wn) - _ramp(since_s - pulse.off_s - off_s, wn))
+        pulse_rad = speed * (_ramp(since_s - pulse.on_s - on_s, wn) - _ramp(since_s - pulse.off_s - off_s, wn))
         return np.append(
-            (angle_rad - first_rad - turned_rad) / noise_rad, (on_s / _SEND_JITTER_S, off_s / _SEND_JITTER_S)
+            (pulse.angle_rad - first_rad - pulse_rad) / noise_rad, (on_s / _SEND_JITTER_S, off_s / _SEND_JITTER_S)
         )
 
-    own = least_squares(residuals, (angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
-    jacobian = np.asarray(own.jac)
-    spread = max(2.0 * own.cost / max(time_s.size - 2, 1), 1.0)
-    return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(jacobian.T @ jacobian)[1, 1]))
-
-
-def _mean(measured: Sequence[tuple[float, float]]) -> Interval:
-    # The median is robust to single pulses with motion in the scene.
-    values = np.array(measured)
-    value, sd = float(np.median(values[:, 0])), float(np.max(values[:, 1])) / math.sqrt(len(values))
-    return Interval.around(value, Z_95 * sd)
+    own: Any = least_squares(residuals, (pulse.angle_rad[0], start_rad_s, 0.0, 0.0), x_scale=(0.1, 0.1, 0.01, 0.01))
+    spread = max(2.0 * own.cost / max(since_s.size - 2, 1), 1.0)
+    return float(own.x[1]), math.sqrt(spread * float(np.linalg.pinv(own.jac.T @ own.jac)[1, 1]))
 
 
 def _ramp(time_s: FloatArray, wn: float) -> FloatArray:

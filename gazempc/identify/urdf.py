@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import SettingsError, suggest
 from gazempc.types import FloatArray
 
-_TURNING = ("revolute", "continuous")
 _LEVEL = 0.05  # rad; axes in robots' URDFs are exact
 _MOST_BYTES = 64_000_000
 
@@ -57,12 +56,12 @@ class UrdfNeck:
         return (*words, *(["--mount.roll-pitch-yaw-deg", *turn] if any(map(float, turn)) else []))
 
 
-def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | None = None) -> UrdfNeck:
+def read_urdf(path: Path, eye_frame: str | None, pan: str | None = None, tilt: str | None = None) -> UrdfNeck:
     """Read the neck of a robot.
 
     Args:
         path: The URDF (for a xacro file, its expansion).
-        eye_frame: Link at the eye, such as the camera's; its orientation is not used.
+        eye_frame: Link at the eye, such as the camera's, required; its orientation is not used.
         pan: Name of the pan joint; default: the second revolute joint of the chain from the eye to the root.
         tilt: Name of the tilt joint; default: the first one.
 
@@ -72,6 +71,8 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
     Raises:
         SettingsError: If the file is invalid, or has no such neck.
     """
+    if eye_frame is None:
+        raise SettingsError("--urdf: needs --eye-frame, the link at the eye")
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise SettingsError(f"--urdf {path}: larger than {_MOST_BYTES // 10**6} MB")
@@ -92,7 +93,7 @@ def read_urdf(path: Path, eye_frame: str, pan: str | None = None, tilt: str | No
     while eye_frame in above and above[eye_frame] not in chain:
         chain.append(above[eye_frame])
         eye_frame = _link(above[eye_frame], "parent", path)
-    turning = [joint for joint in chain if joint.get("type") in _TURNING]
+    turning = [joint for joint in chain if joint.get("type") in ("revolute", "continuous")]
     names = [str(joint.get("name")) for joint in turning]
     for option, name in (("--pan-joint", pan), ("--tilt-joint", tilt)):
         if name is not None and name not in names:

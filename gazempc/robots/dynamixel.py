@@ -6,14 +6,13 @@ import struct
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gazempc.errors import RobotError, SettingsError
+from gazempc.errors import GazempcError, RobotError, SettingsError, importing
 from gazempc.neck.spec import NeckSpec
-from gazempc.robots.dynamixel_bus import DynamixelBus
 from gazempc.robots.options import DynamixelOptions
 from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
@@ -30,14 +29,18 @@ _PROFILE = (108, 8)  # Profile Acceleration and Velocity
 _PROFILE_AND_GOAL = (108, 12)
 _GOAL = (116, 4)
 _PRESENT = (128, 8)  # Present Velocity and Position
+_HARDWARE_ERROR = (68, 3)  # Status Return Level, Registered Instruction, Hardware Error Status
+_ALERT = 0x80
+# By bit of the Hardware Error Status.
+_HARDWARE_ERRORS = (
+    "input voltage", "motor hall sensor", "overheating", "motor encoder", "electrical shock or insufficient power",
+    "overload",
+)  # fmt: skip
 
 _TICKS_PER_TURN = 4096
 _TICKS_PER_RAD = _TICKS_PER_TURN / (2.0 * np.pi)
-_RAD_S_PER_UNIT = 0.229 * 2.0 * np.pi / 60.0
 _POSITION_MODE, _EXTENDED_POSITION_MODE = 3, 4
 
-# Reply timeout during set-up; later it is `reply_timeout_ms`.
-_CONNECT_WAIT_MS = 100.0
 # Period of retries after a timeout; calls in between fail at once.
 _RETRY_S = 0.1
 _LOST_TORQUE = "a motor has lost its torque; check its power supply"
@@ -73,24 +76,17 @@ class DynamixelNeck:
                 raise SettingsError(f"{name} {values}: neck {neck.name!r} needs {neck.joints} numbers, for {joints}")
         if len(set(motor_ids)) < neck.joints:
             raise SettingsError(f"motor_ids {motor_ids}: expected different numbers")
-        self._clock_s = clock_s
-        self._ids = motor_ids
+        self._clock_s, self._options, self._ids = clock_s, options, motor_ids
         self._zero = np.array(zero_ticks, dtype=np.float64)
         self._direction = np.array(directions, dtype=np.float64)
-        self._reply_timeout_ms = options.reply_timeout_ms
-        motors = dict(zip(neck.joint_names, motor_ids, strict=True))
-        self._bus = DynamixelBus(options.port, options.baud_rate_bps, motors, options.reply_timeout_ms)
+        self._bus = DynamixelBus(options, neck.joint_names)
         self._step_ticks = options.approach_speed_rad_s * neck.servo_period_s * _TICKS_PER_RAD
-        self._torque_off_on_close = options.torque_off_on_close
         ends = self._zero + self._direction * np.stack([neck.position_min_rad, neck.position_max_rad]) * _TICKS_PER_RAD
         # Integer ticks, rounded towards the inside of the limits.
         self._tick_min, self._tick_max = np.ceil(ends.min(axis=0)), np.floor(ends.max(axis=0))
-        self._connected = False
-        self._ready = False
-        self._steps: Iterator[None] | None = None
-        self._retry_at_s = -np.inf
-        self._trouble = ""
-        self._has_reply = False
+        self._connected = self._ready = self._has_reply = False
+        self._steps: Iterator[bool] | None = None
+        self._retry_at_s, self._trouble = -np.inf, ""
         self._approaching = True
         self._goal = np.zeros(neck.joints)
         self._line = threading.Lock()
@@ -105,18 +101,18 @@ class DynamixelNeck:
         """
         if self._connected:
             return
-        self._bus.load()
-        self._bus.wait_ms = max(self._reply_timeout_ms, _CONNECT_WAIT_MS)
+        # During set-up motors may reply later.
+        self._bus.wait_ms = max(self._options.reply_timeout_ms, 100.0)
         try:
             for _ in self._set_up():
                 pass
-        except RobotError:
+        except GazempcError:
             self._drop_port()
             raise
         except Exception as error:
             raise self._port_error(error) from error
         finally:
-            self._bus.wait_ms = self._reply_timeout_ms
+            self._bus.wait_ms = self._options.reply_timeout_ms
         self._connected = self._ready = True
         self._retry_at_s = -np.inf
 
@@ -153,7 +149,7 @@ class DynamixelNeck:
 
     def close(self) -> None:
         """Release the port; the motors hold their last goal, or lose torque if `torque_off_on_close`; never raises."""
-        if self._bus.is_open and self._connected and self._torque_off_on_close:
+        if self._bus.is_open and self._connected and self._options.torque_off_on_close:
             with suppress(Exception):
                 self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\0"))
                 self._read(_TORQUE)  # a reply confirms its execution
@@ -172,17 +168,14 @@ class DynamixelNeck:
                     return exchange()
             except Exception as error:
                 fault = error if isinstance(error, RobotError) else self._port_error(error)
-                self._failed(fault)
+                if self._steps is not None:
+                    self._drop_port()
+                # The first retry is immediate: single losses are the most frequent failure.
+                self._retry_at_s = -np.inf if self._ready else self._clock_s() + _RETRY_S
+                self._ready = self._has_reply = False
+                self._trouble = str(fault)
                 raise fault from error.__cause__ if fault is error else error
             raise RobotError(f"{self._trouble} (it is being set up again)")
-
-    def _failed(self, error: RobotError) -> None:
-        if self._steps is not None:
-            self._drop_port()
-        # The first retry is immediate: single losses are the most frequent failure.
-        self._retry_at_s = -np.inf if self._ready else self._clock_s() + _RETRY_S
-        self._ready = self._has_reply = False
-        self._trouble = str(error)
 
     def _recover(self) -> bool:
         """Execute one step of the recovery; True after the last one."""
@@ -192,38 +185,36 @@ class DynamixelNeck:
                 return True
             self._trouble = f"{self._bus.line}: {_LOST_TORQUE}"
         self._steps = self._steps or self._set_up()
-        try:
-            next(self._steps)
-        except StopIteration:
+        self._ready = next(self._steps, True)
+        if self._ready:
             self._steps = None
-            self._ready = True
         return self._ready
 
-    def _set_up(self) -> Iterator[None]:
-        """Find the motors and enable torque at the present positions; at most one exchange between two yields."""
+    def _set_up(self) -> Iterator[bool]:
+        """Find the motors and enable torque at the present positions; at most one exchange before each yield."""
         if not self._bus.is_open:
             self._bus.open()
         for i in range(len(self._ids)):
             self._bus.ping(i)
-            yield
+            yield False
         modes = [answer[0] for answer in self._read(_MODE)]
         for i, mode in enumerate(modes):
             if mode not in (_POSITION_MODE, _EXTENDED_POSITION_MODE):
                 needed = f"{_POSITION_MODE} (position) or {_EXTENDED_POSITION_MODE} (extended position)"
                 raise RobotError(f"{self._bus.motor(i)}: Operating Mode (11) is {mode}, but must be {needed}")
-        yield
+        yield False
         for i, answer in enumerate(self._read(_RANGE)):
             high, low = struct.unpack("<ii", answer)
             if modes[i] == _POSITION_MODE and not low <= self._tick_min[i] <= self._tick_max[i] <= high:
                 needed = f"the neck needs {self._tick_min[i]:.0f}..{self._tick_max[i]:.0f} ticks"
                 raise RobotError(f"{self._bus.motor(i)}: {needed}, but the Position Limits (52, 48) are {low}..{high}")
-        yield
+        yield False
         holds = self._torque_is_on()
-        yield
+        yield False
         present = [struct.unpack("<ii", answer)[1] for answer in self._read(_PRESENT)]
         # With torque off the position is multi-turn; with torque on in position mode it is within one turn.
         goals = [p % _TICKS_PER_TURN if m == _POSITION_MODE else p for p, m in zip(present, modes, strict=True)]
-        yield
+        yield False
         unlimited = bytes(_PROFILE[1])
         if holds.any():
             self._bus.write(_PROFILE, {m: unlimited for m, on in zip(self._ids, holds, strict=True) if on})
@@ -236,7 +227,7 @@ class DynamixelNeck:
             if answer[:8] != unlimited or goal != limp.get(self._ids[i], goal):
                 hint = "is it inside its Position Limits (52, 48)?"
                 raise RobotError(f"{self._bus.motor(i)}: did not accept profile 0 and its goal: {hint}")
-        yield
+        yield False
         self._bus.write(_TORQUE_ENABLE, dict.fromkeys(self._ids, b"\1"))
         for i, on in enumerate(self._torque_is_on()):
             if not on:
@@ -251,7 +242,8 @@ class DynamixelNeck:
         answers = np.array([struct.unpack("<ii", answer) for answer in self._read(_PRESENT)], dtype=np.float64)
         time_s = 0.5 * (before_s + self._clock_s())
         position_rad = self._direction * (answers[:, 1] - self._zero) / _TICKS_PER_RAD
-        return JointState(time_s, position_rad, self._direction * answers[:, 0] * _RAD_S_PER_UNIT)
+        # Present Velocity is in units of 0.229 rev/min.
+        return JointState(time_s, position_rad, self._direction * answers[:, 0] * (0.229 * 2.0 * np.pi / 60.0))
 
     def _send(self, ticks: FloatArray) -> FloatArray:
         if not self._has_reply and not self._torque_is_on().all():
@@ -280,3 +272,142 @@ class DynamixelNeck:
     def _port_error(self, error: Exception) -> RobotError:
         self._drop_port()
         return RobotError(f"{self._bus.line}: the port failed ({error}): check that the adapter is plugged in")
+
+
+class DynamixelBus:
+    """Transport on the serial line, independent of the meaning of the control table.
+
+    Args:
+        options: Port, baud rate, ids and timeout.
+        joint_names: Names of the joints, in the order of the ids.
+
+    Attributes:
+        port_name: Serial port.
+        wait_ms: Timeout of a reply; may be changed at any time.
+    """
+
+    def __init__(self, options: DynamixelOptions, joint_names: tuple[str, ...]) -> None:
+        self.port_name, self.wait_ms = options.port, options.reply_timeout_ms
+        self._names, self._ids, self._baud_rate_bps = joint_names, options.motor_ids, options.baud_rate_bps
+        self._sdk: Any = None
+        self._packets: Any = None
+        self._port: Any = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the port is open."""
+        return self._port is not None
+
+    def open(self) -> None:
+        """Open the port with exclusive access.
+
+        Raises:
+            MissingOptionalDependencyError: If dynamixel-sdk is not installed.
+            RobotError: If it cannot be opened; names what to check.
+        """
+        with importing("a Dynamixel neck", "dynamixel-sdk", "dynamixel"):
+            import dynamixel_sdk  # noqa: PLC0415  (optional)
+        self._sdk, self._packets = dynamixel_sdk, dynamixel_sdk.PacketHandler(2.0)
+        port = self._port = self._sdk.PortHandler(self.port_name)
+        hint = "check that it exists, that no other program has it, and that you may use it (group dialout)"
+        try:
+            if not port.setBaudRate(self._baud_rate_bps):
+                raise RobotError(f"{self.line}: not a baud rate of Dynamixel motors, such as 57600 or 1000000")
+            # Exclusive access: replies of two programs would be mixed.
+            port.ser.exclusive = True
+        except OSError as error:
+            raise RobotError(f"{self.line}: cannot be opened ({error}): {hint}") from error
+        # The library busy-waits, with a timeout of 34 ms: seven ticks.
+        port.ser.timeout = 0.5e-3
+        # Reached only if the adapter accepts no bytes.
+        port.ser.write_timeout = 0.05
+        # An instruction of up to 30 bytes is sent before the reply.
+        port.setPacketTimeout = lambda length: port.setPacketTimeoutMillis(
+            self.wait_ms + (length + 30) * port.tx_time_per_byte
+        )
+
+        def read_in_time(length: int) -> bytes:
+            # The library checks the timeout only without input: continuous noise would block it.
+            if port.isPacketTimeout():
+                raise RobotError(f"{self.line}: no complete reply in time; check power, cable and baud rate")
+            return bytes(port.ser.read(length))
+
+        port.readPort = read_in_time
+
+    def drop(self) -> None:
+        """Close the port; never raises."""
+        with suppress(Exception):
+            self._port.closePort()
+        self._port = None
+
+    @property
+    def line(self) -> str:
+        """Port and baud rate, for messages."""
+        return f"{self.port_name} at {self._baud_rate_bps} baud"
+
+    def motor(self, i: int) -> str:
+        """Port and motor, for messages."""
+        return f"{self.line}, motor {self._ids[i]} ({self._names[i]})"
+
+    def ping(self, i: int) -> None:
+        """Find one motor; raises RobotError without a reply or for an unsupported model."""
+        self._port.is_using = False
+        model, result, error = self._packets.ping(self._port, self._ids[i])
+        self._require(i, result)
+        self._refuse_error(i, error)
+        # X motors, and MX motors with protocol 2.0, have this control table; XL-320, P and PRO have others.
+        if model not in (*range(1000, 2000), 30, 311, 321):
+            raise RobotError(f"{self.motor(i)}: model {model} is no X motor (nor MX with protocol 2.0); check the id")
+
+    def write(self, part: tuple[int, int], values: dict[int, bytes]) -> None:
+        """Write one part of several motors, by id, without acknowledgement; RobotError if it is not sent."""
+        self._port.is_using = False
+        group = self._sdk.GroupSyncWrite(self._port, self._packets, *part)
+        for motor_id, value in values.items():
+            group.addParam(motor_id, list(value))
+        result = group.txPacket()
+        if result != self._sdk.COMM_SUCCESS:
+            raise RobotError(f"{self.line}: could not send ({self._packets.getTxRxResult(result)})")
+
+    def read(self, part: tuple[int, int]) -> list[bytes]:
+        """Read the same part of all motors; raises if a reply is missing or invalid, or a motor has an error."""
+        answers = self._sync_read(part, *range(len(self._ids)))
+        for i, (_, error) in enumerate(answers):
+            self._refuse_error(i, error)
+        return [data for data, _ in answers]
+
+    def _sync_read(self, part: tuple[int, int], *axes: int) -> list[tuple[bytes, int]]:
+        self._port.is_using = False
+        group = self._sdk.GroupSyncRead(self._port, self._packets, *part)
+        for i in axes:
+            group.addParam(self._ids[i])
+        result = group.txPacket()
+        for i in axes:
+            self._require(i, result)
+        return [self._receive(i, part[1]) for i in axes]
+
+    def _receive(self, i: int, length: int) -> tuple[bytes, int]:
+        # Not the group's rxPacket and getData: they discard the error byte, accept a reply of any length, and return 0
+        # for missing data, which would be half a turn.
+        while True:
+            packet, result = self._packets.rxPacket(self._port, False)
+            self._require(i, result)
+            error = packet[8]
+            is_whole = packet[5] + 256 * packet[6] == length + 4
+            # Other packets are late replies to requests that timed out.
+            if packet[4] == self._ids[i] and (is_whole or error & ~_ALERT):
+                return bytes(packet[9 : 9 + length]), error
+
+    def _require(self, i: int, result: int) -> None:
+        if result != self._sdk.COMM_SUCCESS:
+            hint = "check power, cable, id, baud rate, Status Return Level (68) and the adapter's latency timer"
+            raise RobotError(f"{self.motor(i)}: no valid reply ({self._packets.getTxRxResult(result)}): {hint}")
+
+    def _refuse_error(self, i: int, error: int) -> None:
+        if error & _ALERT:
+            status = self._sync_read(_HARDWARE_ERROR, i)[0][0][2]
+            names = [name for bit, name in enumerate(_HARDWARE_ERRORS) if status >> bit & 1]
+            what = ", ".join(names) or f"status {status:#04x}"
+            raise RobotError(f"{self.motor(i)}: hardware error: {what}; remove the cause, then switch it off and on")
+        if error:
+            raise RobotError(f"{self.motor(i)}: refused the instruction: {self._packets.getRxPacketError(error)}")

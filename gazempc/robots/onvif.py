@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import RobotError, SettingsError, importing
-from gazempc.neck.spec import NeckSpec
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.robots.options import OnvifOptions
 from gazempc.robots.speed_camera import Pair, SpeedCamera
-
-# Whole seconds only; without it a camera was found to run for 180 s.
-_MOVE_ENDS = "PT1S"
 
 
 class OnvifDevice:
@@ -44,10 +41,9 @@ class OnvifDevice:
         self._login = _login(options)
         self.name = f"onvif {host}:{self._port}"
         self._client: Any = None
-        self._token = ""
-        self._ranges: dict[str, Any] = {}
+        self._token, self._offered = "", list[str]()
         range_deg = options.range_deg
-        self._ends_rad = None if range_deg is None else np.deg2rad(range_deg).reshape(2, 2).tolist()
+        self._ends_rad = None if range_deg is None else np.deg2rad(range_deg).reshape(2, 2)
 
     def open(self) -> None:
         """See `SpeedDevice.open`: logs in, and selects a profile with PTZ.
@@ -67,10 +63,11 @@ class OnvifDevice:
         self._token = wanted or tokens[0]
         node = profiles[tokens.index(self._token)]["ptz"].get("node_token")
         nodes = self._request(self._client.ptz_get_nodes)
-        self._ranges = next((each["ranges"] for each in nodes if each.get("token") == node), {})
+        ranges: dict[str, Any] = next((each["ranges"] for each in nodes if each.get("token") == node), {})
+        self._offered = [kind for kind in ("continuous", "absolute", "relative") if f"{kind}_pan_tilt" in ranges]
         needed = "continuous" if self._neck.takes_speeds else "absolute"
-        if not self._offers(needed):
-            raise RobotError(f"{self.name}: it lacks {needed} moves; it offers: {', '.join(self._offered())}")
+        if needed not in self._offered:
+            raise RobotError(f"{self.name}: it lacks {needed} moves; it offers: {', '.join(self._offered) or 'none'}")
 
     def drive(self, speeds_rad_s: Pair) -> None:
         """See `SpeedDevice.drive`."""
@@ -82,17 +79,17 @@ class OnvifDevice:
             for axis, speed, direction in zip(self._neck.axes, speeds_rad_s, self._options.directions, strict=True)
         )
         # ONVIF counts pan to the right.
+        # Whole seconds only; without it a camera was found to run for 180 s.
         self._request(
             self._client.ptz_continuous_move,
-            profile_token=self._token, pan=-pan, tilt=tilt, zoom=None, timeout=_MOVE_ENDS,
+            profile_token=self._token, pan=-pan, tilt=tilt, zoom=None, timeout="PT1S",
         )  # fmt: skip
 
     def go_to(self, angles_rad: Pair) -> None:
         """Go to angles within the option `range_deg`; returns after acceptance by the camera."""
-        pan, tilt = (
-            2.0 * (angle - low) / (high - low) - 1.0
-            for angle, (low, high) in zip(angles_rad, self._ends_rad or (), strict=True)
-        )
+        assert self._ends_rad is not None
+        low, high = self._ends_rad.T
+        pan, tilt = (2.0 * (np.array(angles_rad) - low) / (high - low) - 1.0).tolist()
         self._request(self._client.ptz_absolute_move, profile_token=self._token, pan=pan, tilt=tilt, zoom=None)
 
     def angles_rad(self) -> Pair | None:
@@ -102,10 +99,8 @@ class OnvifDevice:
         status = self._request(self._client.ptz_get_status, profile_token=self._token)
         if status.get("pan") is None or status.get("tilt") is None:
             return None
-        pan, tilt = (
-            low + 0.5 * (float(status[name]) + 1.0) * (high - low)
-            for name, (low, high) in zip(("pan", "tilt"), self._ends_rad, strict=True)
-        )
+        low, high = self._ends_rad.T
+        pan, tilt = (low + 0.5 * (np.array([float(status[name]) for name in AXES]) + 1.0) * (high - low)).tolist()
         return pan, tilt
 
     def recover(self) -> None:
@@ -120,7 +115,7 @@ class OnvifDevice:
             ("address", f"{self._host}:{self._port} (ONVIF)"),
             ("model", " ".join(reported)),
             ("profile", self._token),
-            ("moves", ", ".join(self._offered())),
+            ("moves", ", ".join(self._offered)),
             ("position", f"{status.get('pan')} and {status.get('tilt')}"),
             ("move status", str((status.get("move_status") or {}).get("pan_tilt"))),
         ]
@@ -138,12 +133,6 @@ class OnvifDevice:
         steps = axis.speed_steps
         speeds = (0.0, *(steps.positive_rad_s if speed_rad_s >= 0.0 else steps.negative_rad_s))
         return float(np.sign(speed_rad_s) * np.interp(abs(speed_rad_s), speeds, np.linspace(0.0, 1.0, len(speeds))))
-
-    def _offers(self, kind: str) -> bool:
-        return f"{kind}_pan_tilt" in self._ranges
-
-    def _offered(self) -> list[str]:
-        return [kind for kind in ("continuous", "absolute", "relative") if self._offers(kind)] or ["none"]
 
     def _request(self, call: Callable[..., Any], **what: Any) -> Any:
         # Messages of the library may quote a request; only the error type is passed on.

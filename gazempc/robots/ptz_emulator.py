@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import signal
 import threading
 import time
 from collections import deque
@@ -30,8 +31,6 @@ _SIZE = (480, 270)
 # Width and height of its picture.
 VIEW_DEG = FOV_DEG, math.degrees(2.0 * math.atan(_SIZE[1] / _SIZE[0] * math.tan(math.radians(0.5 * FOV_DEG))))
 _FPS = 10.0
-_WAIT_S = 1e-3
-_STARTS_WITHIN_S = 60.0
 # The person walks a sine across the view.
 _DISTANCE_M, _ASIDE_M, _PERIOD_S, _UP_M = 1.8, 0.9, 12.0, 0.1
 
@@ -68,7 +67,7 @@ class PtzEmulator:
             self._process.start()
             theirs.close()
             try:
-                found = self._pipe.recv() if self._pipe.poll(_STARTS_WITHIN_S) else "it did not start"
+                found = self._pipe.recv() if self._pipe.poll(60.0) else "it did not start"
             except EOFError:
                 found = "its process ended"
             if isinstance(found, str):
@@ -80,15 +79,13 @@ class PtzEmulator:
 
     def close(self) -> None:
         """End the process."""
-        process, self._process = self._process, None
-        if process is None:
-            return
         if PtzEmulator.running is self:
             PtzEmulator.running = None
-        if self._pipe is not None:
+        if self._process is not None and self._pipe is not None:
             self._pipe.close()
-        process.terminate()
-        process.join()
+            self._process.terminate()
+            self._process.join()
+        self._process = None
 
 
 def picture_url() -> str:
@@ -117,7 +114,7 @@ def _server(pictures: deque[tuple[float, bytes]]) -> ThreadingHTTPServer:
             while True:
                 later = next((each for each in tuple(pictures) if due_s < each[0]), None)
                 if later is None or later[0] > time.monotonic():
-                    time.sleep(_WAIT_S)
+                    time.sleep(1e-3)
                     continue
                 due_s, jpeg = later
                 head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
@@ -133,8 +130,6 @@ def _server(pictures: deque[tuple[float, bytes]]) -> ThreadingHTTPServer:
 
 
 def _serve(neck: NeckSpec, pipe: Connection) -> None:
-    import signal  # noqa: PLC0415
-
     # Ctrl-C is for the run, which stops the camera first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:

@@ -15,27 +15,27 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import RobotError, SettingsError, importing
-from gazempc.neck.kinematics import head_angles_rad
+from gazempc.neck.kinematics import head_angles_rad, pan_tilt_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.robots.options import ReachyMiniOptions
-from gazempc.robots.reachy_mini_pose import clamp_to_head, head_matrix, joint_angles
 from gazempc.robots.robot import check_command
 from gazempc.types import FloatArray, JointState
 
 # Tolerances of the initial pose: from a lying head (asleep) or a turned body the first command would cause a jump.
-_DISPLACED_M = 0.02
-_BODY_TURNED_RAD = math.radians(10.0)
-# The daemon sends a pose every 20 ms. Maximum age of a pose; a longer silence is a lost connection.
-_STALE_S = 0.2
+_DISPLACED_M, _BODY_TURNED_RAD = 0.02, math.radians(10.0)
+# Timeout of poses, which the daemon sends every 20 ms, and of a blocked send.
 _SILENCE_S = 1.0
-_STUCK_S = 1.0  # timeout of a blocked send
-_RETRY_S = 0.25
 _OPEN_S = 1.0
-_CONNECT_S = 5.0
 _POLL_S = 0.1
-# Poses have no velocity: linear regression over the last few. Poses that arrive in one burst are not usable.
+# Poses have no velocity: linear regression over the last few.
 _POSES = 4
-_SPAN_MIN_S = 0.03
+# Types of messages that the daemon sends after a connection was established.
+_KINDS = ("head_pose", "joint_positions", "daemon_status")
+# Reach of the head without the body: the daemon's inverse kinematics (reachy-mini 1.13.0) with all motors 0.5 deg or
+# more inside their limits. Beyond it a motor saturates and the head tilts sideways, or the pose is ignored. Also within
+# the SDK's own limits (pitch 40 deg, yaw 65 deg from the body).
+_TILT_RAD = np.deg2rad([-40.0, -36.0, -32.0, -28.0, -24.0, 31.0, 36.0, 40.0])
+_PAN_MAX_RAD = np.deg2rad([38.0, 47.0, 54.0, 61.0, 65.0, 65.0, 59.0, 53.5])
 
 
 class ReachyMiniNeck:
@@ -81,7 +81,7 @@ class ReachyMiniNeck:
         self._displaced_m = math.inf
         self._body_yaw_rad = 0.0
         self._no_motion = ""
-        self._joints_known = self._status_known = False
+        self._missing = list(_KINDS)
         self._goal_rad: FloatArray | None = None
         self._approaching = True
         self._message: str | None = None
@@ -108,7 +108,7 @@ class ReachyMiniNeck:
         for thread in self._threads:
             thread.start()
         with self._changed:
-            self._changed.wait_for(lambda: self._lost or (self._socket is not None and not self._missing()), _CONNECT_S)
+            self._changed.wait_for(lambda: self._lost or (self._socket is not None and not self._missing), timeout=5.0)
             refusal = self._refusal()
         if refusal:
             self.close()
@@ -125,14 +125,15 @@ class ReachyMiniNeck:
             RobotError: If there is no connection; reconnection continues.
         """
         with self._changed:
-            self._require_connection()
+            if not self._threads or self._socket is None:
+                raise RobotError(self._refusal())
             now_s, clock_s = time.monotonic(), self._clock_s()
             fresh, self._fresh = self._fresh, False
-            if not fresh or len(self._poses) < _POSES or now_s - self._poses[-1][0] > _STALE_S:
+            if not fresh or len(self._poses) < _POSES or now_s - self._poses[-1][0] > 0.2:
                 return None
             times_s = np.array([time_s for time_s, _ in self._poses])
             angles_rad = np.array([angles for _, angles in self._poses])
-        if times_s[-1] - times_s[0] < _SPAN_MIN_S:
+        if times_s[-1] - times_s[0] < 0.03:  # poses that arrived in one burst
             return None
         velocity_rad_s = np.polyfit(times_s - times_s[-1], angles_rad, 1)[0]
         return JointState(clock_s - (now_s - times_s[-1]), angles_rad[-1], velocity_rad_s)
@@ -153,7 +154,6 @@ class ReachyMiniNeck:
         check_command(position_rad, self._neck.joints)
         target = self._within_reach(position_rad)
         with self._changed:
-            self._require_connection()
             if refusal := self._refusal():
                 self._goal_rad, self._approaching = None, True
                 raise RobotError(refusal)
@@ -184,26 +184,17 @@ class ReachyMiniNeck:
         within = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
         return np.concatenate((clamp_to_head(within[:2]), within[2:]))
 
-    def _require_connection(self) -> None:
-        if not self._threads:
-            raise RobotError(f"Reachy Mini at {self._uri} is not connected: call connect() first")
-        if self._socket is None:
-            raise RobotError(self._refusal())
-
-    def _missing(self) -> str:
-        """Types of messages not received since the connection was established."""
-        known = {"head_pose": self._poses, "joint_positions": self._joints_known, "daemon_status": self._status_known}
-        return " and no ".join(kind for kind, has_come in known.items() if not has_come)
-
     def _refusal(self) -> str:
         """Reason why commands are refused at present; empty if they are accepted."""
+        if not self._threads:
+            return f"Reachy Mini at {self._uri} is not connected: call connect() first"
         if self._socket is None:
             return self._lost or f"Reachy Mini: no connection to the daemon at {self._uri}"
-        if missing := self._missing():
-            trouble = f"the daemon replies, but sent no {missing} message: see its log"
+        if self._missing:
+            trouble = f"the daemon replies, but sent no {' and no '.join(self._missing)} message: see its log"
         elif self._no_motion:
             trouble = self._no_motion
-        elif self._sending_since_s is not None and time.monotonic() - self._sending_since_s > _STUCK_S:
+        elif self._sending_since_s is not None and time.monotonic() - self._sending_since_s > _SILENCE_S:
             trouble = "the daemon no longer accepts commands"
         elif self._goal_rad is None and self._displaced_m > _DISPLACED_M:
             trouble = "the head is not up; wake the robot first"
@@ -234,7 +225,7 @@ class ReachyMiniNeck:
                     why = f"no connection to the daemon at {self._uri} ({error or type(error).__name__})"
                     self._lost = f"Reachy Mini: {why}; start `reachy-mini-daemon` (--sim: its simulator)"
                     self._changed.notify_all()
-                    self._changed.wait_for(stop.is_set, _RETRY_S)
+                    self._changed.wait_for(stop.is_set, timeout=0.25)
 
     def _receive(self, connection: Any, stop: threading.Event) -> None:
         with self._changed:
@@ -256,7 +247,7 @@ class ReachyMiniNeck:
                 return
             self._socket = self._message = self._goal_rad = None
             self._approaching, self._fresh = True, False
-            self._joints_known = self._status_known = False
+            self._missing = list(_KINDS)
             self._poses.clear()
         # The library's own close would block: on a send that waits for the network and holds a lock, and in some
         # versions on messages that are no longer received. Sent data are still delivered.
@@ -270,21 +261,26 @@ class ReachyMiniNeck:
         now_s = time.monotonic()
         with self._changed, suppress(Exception):  # unreadable messages are ignored
             content = json.loads(message)
-            if content["type"] == "head_pose":
+            kind = content["type"]
+            if kind == "head_pose":
                 matrix = np.array(content["head_pose"], dtype=np.float64)
-                angles_rad = joint_angles(matrix, self._body_yaw_rad, self._neck.joints)
+                angles_rad = head_angles(matrix)
+                if self._neck.body is not None:
+                    # The daemon's frame does not turn with the body.
+                    pan_rad = math.remainder(angles_rad[0] - self._body_yaw_rad, math.tau)
+                    angles_rad = np.array([pan_rad, angles_rad[1], self._body_yaw_rad])
                 # The daemon sends the body's angle just before the pose of the same moment.
-                if self._joints_known or self._neck.body is None:
+                if "joint_positions" not in self._missing or self._neck.body is None:
                     self._poses.append((now_s, angles_rad))
                 self._displaced_m = float(np.linalg.norm(matrix[:3, 3]))
                 self._fresh = True
                 heard_s = now_s
-            elif content["type"] == "joint_positions":
+            elif kind == "joint_positions":
                 self._body_yaw_rad = float(content["head_joint_positions"][0])
-                self._joints_known = True
-            elif content["type"] == "daemon_status":
+            elif kind == "daemon_status":
                 self._no_motion = _no_motion(content)
-                self._status_known = True
+            if kind in self._missing and (kind != "head_pose" or self._poses):
+                self._missing.remove(kind)
             self._changed.notify_all()
         return heard_s
 
@@ -312,3 +308,51 @@ def _no_motion(status: dict[str, Any]) -> str:
     if backend.get("error"):
         return f"the daemon reports: {backend['error']}"
     return "" if mode == "enabled" else f"motors are {mode!r}, not 'enabled': wake the robot first"
+
+
+def head_matrix(position_rad: FloatArray) -> FloatArray:
+    """Pose of the head for pan and tilt: yaw, then pitch, no roll, origin at rest.
+
+    Args:
+        position_rad: Pan (to the left) and tilt (up), shape (2,), radians.
+
+    Returns:
+        Homogeneous matrix, shape (4, 4), in the daemon's frame (x forward, y left, z up; its pitch is positive down).
+    """
+    (cp, ct), (sp, st) = np.cos(position_rad), np.sin(position_rad)
+    return np.array(
+        [[cp * ct, -sp, -cp * st, 0.0], [sp * ct, cp, -sp * st, 0.0], [st, 0.0, ct, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    )
+
+
+def head_angles(matrix: FloatArray) -> FloatArray:
+    """Pan and tilt of the head's forward axis, at any roll; the inverse of `head_matrix`.
+
+    Args:
+        matrix: Pose of the head, shape (4, 4).
+
+    Returns:
+        Pan and tilt, shape (2,), radians.
+
+    Raises:
+        ValueError: If it is not a pose: wrong shape, not finite, not a rotation.
+    """
+    turn = matrix[:3, :3] if matrix.shape == (4, 4) else np.full((3, 3), np.nan)
+    # With a tolerance for the noise of the daemon; negated, to refuse NaN.
+    if not (np.all(np.abs(turn @ turn.T - np.eye(3)) < 0.02) and np.linalg.det(turn) > 0):
+        raise ValueError("not a pose")
+    return pan_tilt_rad(turn[:, 0])
+
+
+def clamp_to_head(position_rad: FloatArray) -> FloatArray:
+    """Clamp pan and tilt, relative to the body, to the reach of the head: tilt first, then pan for that tilt.
+
+    Args:
+        position_rad: Pan and tilt, shape (2,), radians.
+
+    Returns:
+        Pan and tilt, shape (2,), radians.
+    """
+    tilt = np.clip(position_rad[1], _TILT_RAD[0], _TILT_RAD[-1])
+    pan_max = np.interp(tilt, _TILT_RAD, _PAN_MAX_RAD)
+    return np.array([np.clip(position_rad[0], -pan_max, pan_max), tilt])

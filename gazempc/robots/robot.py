@@ -62,7 +62,6 @@ def check_command(command: FloatArray, joints: int) -> None:
 
 # Tolerance of the joints' range; beyond it neck file and robot are inconsistent.
 _OUTSIDE_RAD = np.deg2rad(1.0)
-_SLOWLY_RAD_S = 0.3
 # Plausibility bound, as of logs.
 _ANY_NUMBER = 1e10
 
@@ -122,7 +121,7 @@ def way_in_rad(neck: NeckSpec, position_rad: FloatArray) -> FloatArray:
     start, target = np.clip(position_rad, low, high), limits.clip_position(position_rad)
     if np.array_equal(start, target):
         return np.empty((0, neck.joints))
-    slow_rad_s = np.minimum(limits.velocity_max_rad_s, _SLOWLY_RAD_S)
+    slow_rad_s = np.minimum(limits.velocity_max_rad_s, 0.3)
     return move_rad(start, target, (slow_rad_s, limits.acceleration_max_rad_s2, limits.jerk_max_rad_s3), neck)
 
 

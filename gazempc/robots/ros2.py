@@ -26,11 +26,6 @@ _WAKE_S = 0.01
 
 # Number of intervals of a stop: enough for the controller's quintic spline to approximate phases of constant jerk.
 _STOP_POINTS = 5
-# Speed towards the command after a loss of the controller, rad/s: the neck may have been displaced.
-_RETURN_RAD_S = 0.5
-_RETURNED_RAD = 1e-9
-# Position-loop gain against drift of a velocity-controlled joint, 1/s.
-_DRIFT_GAIN_1_S = 1.0
 
 
 class Ros2Neck:
@@ -76,20 +71,17 @@ class Ros2Neck:
         if tuple(map(abs, joint_signs)) != (1,) * neck.joints:
             raise SettingsError(f"joint_signs {joint_signs!r}: accepted are 1 and -1 for each of {joints}")
         from_start_s = 0.5 * neck.servo_period_s if options.time_from_start_s is None else options.time_from_start_s
-        self._neck = neck
-        self._clock_s = clock_s
-        self._to_loop_s = to_loop_s
+        self._neck, self._clock_s, self._to_loop_s = neck, clock_s, to_loop_s
+        self._use_sim_time, self._silent_after_s = options.use_sim_time, options.silent_after_s
         self._names = list(joint_names)
         self._command_topic = topic_name(options.command_topic)
         self._command_type = options.command_type
         self._sends_speeds = options.command_values == "velocity"
         if self._sends_speeds and "MultiArray" not in options.command_type:
             raise SettingsError("command_values velocity: accepted with command_type std_msgs/msg/Float64MultiArray")
-        self._use_sim_time = options.use_sim_time
         self._state_topic = topic_name(options.state_topic)
         self._signs = np.array(joint_signs, dtype=np.float64)
         self._from_start_ns = round(from_start_s * 1e9)
-        self._silent_after_s = options.silent_after_s
         self._connect_timeout_s = connect_timeout_s
         self._return_steps = ruckig.Ruckig(neck.joints, neck.servo_period_s)
         # Commands sent, newest last: the history over the delay of the joints.
@@ -125,11 +117,10 @@ class Ros2Neck:
             if self._neck.reports_joints:
                 self._states = self._node.subscription(self._state_topic, _STATE_TYPE)
             self._wait_for_robot(self._node, self._commands)
-        except Ros2Error as error:
+        except BaseException as error:
             self.close()
-            raise RobotError(str(error)) from None
-        except BaseException:
-            self.close()
+            if isinstance(error, Ros2Error):
+                raise RobotError(str(error)) from None
             raise
 
     def read_state(self) -> JointState | None:
@@ -158,7 +149,7 @@ class Ros2Neck:
         sent_rad: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
         if now_s - self._lost_s > self._silent_after_s and self._states is not None and not self._sends_speeds:
             on_way_rad = self._return(sent_rad, now_s)
-            if np.max(np.abs(on_way_rad - sent_rad)) > _RETURNED_RAD:
+            if np.max(np.abs(on_way_rad - sent_rad)) > 1e-9:
                 self._publish(commands, on_way_rad)
                 raise RobotError(f"{self._command_topic} has a subscriber again: the joints return to the command")
         self._lost_s, self._returning = math.inf, None
@@ -180,7 +171,8 @@ class Ros2Neck:
                 raise RobotError(f"{self._command_topic} has a subscriber again, {self._state_topic} no joint state")
             motion, limits = ruckig.InputParameter(neck.joints), neck.command_limits
             motion.current_position = limits.clip_position(self._measured_rad).tolist()
-            motion.max_velocity = np.minimum(limits.velocity_max_rad_s, _RETURN_RAD_S).tolist()
+            # Slowly, as the neck may have been displaced.
+            motion.max_velocity = np.minimum(limits.velocity_max_rad_s, 0.5).tolist()
             motion.max_acceleration = limits.acceleration_max_rad_s2.tolist()
             motion.max_jerk = limits.jerk_max_rad_s3.tolist()
             self._returning = motion, ruckig.OutputParameter(neck.joints)
@@ -236,9 +228,9 @@ class Ros2Neck:
 
     def _joints(self, message: Any, now_s: float) -> JointState:
         """The neck's joints of a message, which may contain others, in any order."""
-        missing = [name for name in self._names if name not in message.name]
-        if missing:
-            raise Ros2Error(f"it has no joint {missing[0]!r}, only {', '.join(message.name) or 'none'}")
+        missing = next((name for name in self._names if name not in message.name), None)
+        if missing is not None:
+            raise Ros2Error(f"it has no joint {missing!r}, only {', '.join(message.name) or 'none'}")
         at = [message.name.index(name) for name in self._names]
         n_joints = len(message.name)
         if len(message.position) != n_joints:
@@ -257,19 +249,17 @@ class Ros2Neck:
 
     def _command(self, position_rad: FloatArray) -> Any:
         """The message of a command; the commands before it give its velocity and acceleration."""
-        earlier = [*self._sent][-2:]
-        first, before = ([position_rad] * (2 - len(earlier)) + earlier)[-2:]
+        first, before = [position_rad, position_rad, *self._sent][-2:]
         rate_hz = self._neck.servo_rate_hz
         velocity_rad_s = (position_rad - before) * rate_hz
-        acceleration_rad_s2 = (position_rad - 2.0 * before + first) * rate_hz**2 if len(earlier) > 1 else 0.0 * first
-        if self._command_type == "std_msgs/msg/Float64MultiArray":
+        acceleration_rad_s2 = (position_rad - 2.0 * before + first) * rate_hz**2 * (len(self._sent) > 1)
+        if "MultiArray" in self._command_type:
             values = position_rad
             if self._sends_speeds:
-                values = velocity_rad_s
-                if self._measured_rad is not None and self._sent:
-                    values = values + _DRIFT_GAIN_1_S * (self._sent[0] - self._measured_rad)
+                drift_rad = 0.0 if self._measured_rad is None or not self._sent else self._sent[0] - self._measured_rad
                 most_rad_s = self._neck.velocity_max_rad_s
-                values = np.clip(values, -most_rad_s, most_rad_s)
+                # A position loop with a time constant of 1 s acts against the drift of a velocity-controlled joint.
+                values = np.clip(velocity_rad_s + drift_rad / 1.0, -most_rad_s, most_rad_s)
             return message_type(self._command_type)(data=(self._signs * values).tolist())
         stop = stop_trajectory(position_rad, velocity_rad_s, acceleration_rad_s2, self._neck, self._neck.servo_period_s)
         later_s = [stop.duration * k / _STOP_POINTS for k in range(_STOP_POINTS + 1)]

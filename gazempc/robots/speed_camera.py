@@ -26,10 +26,6 @@ _WATCHDOG_S = 0.4
 _RENEW_S = 0.4
 # Minimum period of position requests, in seconds and in reply times: commands have precedence.
 _POLL_S, _POLL_ANSWERS = 0.1, 4.0
-# Time between two attempts after a fault.
-_RETRY_S = 0.3
-_STOP_ATTEMPTS = 3
-_JOIN_S = 5.0
 
 
 class SpeedDevice(Protocol):
@@ -109,7 +105,8 @@ class SpeedCamera:
             self._device.open()
             self._device.drive(STILL)
             try:
-                self._poll()
+                if self._reports:
+                    self._poll()
             except RobotError as error:
                 hint = "for a camera without position replies set reports_joints = false in the neck file"
                 raise RobotError(f"{error}; {hint}") from None
@@ -152,14 +149,12 @@ class SpeedCamera:
                 return sent
             for dither, speed in zip(self._dithers, wanted, strict=True):
                 dither.hold(speed, min(max(since_s, 0.0), _WATCHDOG_S))
-            stops = wanted == [0.0, 0.0]
-            if stops or not (self._sending or now_s - self._chosen_s < _HOLD_S):
+            if wanted == [0.0, 0.0] or not (self._sending or now_s - self._chosen_s < _HOLD_S):
                 before = tuple(dither.held_rad_s for dither in self._dithers)
                 pan, tilt = (d.choose(speed, _HOLD_S) for d, speed in zip(self._dithers, wanted, strict=True))
-                chosen = pan, tilt
                 self._chosen_s = now_s
-                if chosen != before:
-                    self._mail, self._sending = chosen, True
+                if (pan, tilt) != before:
+                    self._mail, self._sending = (pan, tilt), True
                     self._wake.notify()
             return np.array([dither.held_rad_s for dither in self._dithers])
 
@@ -171,8 +166,8 @@ class SpeedCamera:
         with self._wake:
             self._closing = True
             self._wake.notify()
-        thread.join(_JOIN_S)
-        for _ in range(_STOP_ATTEMPTS):
+        thread.join(5.0)
+        for _ in range(3):
             with contextlib.suppress(Exception):
                 self._device.drive(STILL)
                 break
@@ -189,21 +184,19 @@ class SpeedCamera:
         Raises:
             RobotError: If the device does not reply.
         """
-        try:
-            self._device.open()
-            return self._device.about()
-        finally:
-            self._device.close()
+        with contextlib.closing(self._device) as device:
+            device.open()
+            return device.about()
 
     def _work(self) -> None:
         # None before the first command: no renewal.
         speeds: Pair | None = None
-        sent_s, polls_s = self._clock_s(), -np.inf
+        sent_s, polls_s = self._clock_s(), -np.inf if self._reports else np.inf
         self._fed_s = sent_s
         while True:
             with self._wake:
-                due_s = min(sent_s + _RENEW_S, polls_s) if self._reports else sent_s + _RENEW_S
-                pause_s = _RETRY_S if self._problem else max(due_s - self._clock_s(), 0.0)
+                # Time between two attempts after a fault.
+                pause_s = 0.3 if self._problem else max(min(sent_s + _RENEW_S, polls_s) - self._clock_s(), 0.0)
                 self._wake.wait_for(lambda: self._closing or (self._mail and not self._problem), pause_s)
                 if self._closing:
                     return
@@ -222,12 +215,11 @@ class SpeedCamera:
                     sent_s = self._clock_s()
                 with self._wake:
                     self._sending = self._mail is not None
-                if self._reports and (asked_s := self._clock_s()) >= polls_s:
+                if (asked_s := self._clock_s()) >= polls_s:
                     # Optional: without readings the observer runs open-loop; a lost camera also refuses moves.
                     with contextlib.suppress(RobotError):
                         self._poll()
-                    took_s = self._clock_s() - asked_s
-                    polls_s = asked_s + max(_POLL_S, _POLL_ANSWERS * took_s)
+                    polls_s = asked_s + max(_POLL_S, _POLL_ANSWERS * (self._clock_s() - asked_s))
                 problem = ""
             except Exception as error:
                 problem = str(error) or type(error).__name__
@@ -235,8 +227,6 @@ class SpeedCamera:
                 self._problem, self._sending = problem, self._mail is not None
 
     def _poll(self) -> None:
-        if not self._reports:
-            return
         asked_s = self._clock_s()
         angles = self._device.angles_rad()
         if angles is not None:

@@ -6,13 +6,14 @@ with the depth of a face. Behind it is clutter: walls with coarse patches, boxes
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 from dataclasses import dataclass
+from io import BytesIO
 from typing import Any
 
 import numpy as np
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from gazempc.types import FloatArray
@@ -22,7 +23,6 @@ _EYES_PX = (224.8, 101.8)
 _PUPILS_PX = 43.1
 _HEAD_HALF_PX = (62.0, 82.0)
 _HEAD_CENTRE_PX = (226.5, 96.5)
-_HAIR_PX = np.s_[12:52, 172:212]  # covers the back of the head
 # Mean distance between the pupils of adults (Dodgson 2004). It converts pixels to metres.
 PUPILS_M = 0.063
 _M_PER_PX = PUPILS_M / _PUPILS_PX
@@ -31,8 +31,6 @@ _GRID = 48
 _EAR_DEPTH_M, _EAR_ASIDE_M = 0.085, 0.073
 _CROWN_DEPTH_M, _CROWN_UP_M = 0.07, 0.125
 _NOSE_M, _NOSE_WIDTH_M, _NOSE_BELOW_M = 0.022, 0.014, 0.033
-
-_OUTSIDE_M = np.array([-50.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -66,16 +64,13 @@ class Studio:
         os.environ.setdefault("MUJOCO_GL", "egl")
         try:
             import mujoco  # noqa: PLC0415
-
-            pictures: Any = importlib.import_module("skimage.data")
+            from skimage import data  # noqa: PLC0415
 
             fovy_deg = 2 * math.degrees(math.atan(math.tan(math.radians(fov_deg) / 2) * height / width))
-            portrait = pictures.astronaut()
-            textures = {
-                "face.png": _png(portrait),
-                "hair.png": _png(portrait[_HAIR_PX]),
-                "wall.png": _png(_patches(seed)),
-            }
+            portrait: Any = data.astronaut()  # type: ignore[no-untyped-call]
+            # Hair covers the back of the head.
+            pictures = {"face": portrait, "hair": portrait[12:52, 172:212], "wall": _patches(seed)}
+            textures = {f"{name}.png": _png(picture) for name, picture in pictures.items()}
             self._model = mujoco.MjModel.from_xml_string(_mjcf(width, height, fovy_deg, seed), textures)
             self._data = mujoco.MjData(self._model)
             self._renderer: Any = mujoco.Renderer(self._model, height, width)
@@ -98,7 +93,8 @@ class Studio:
         """
         data = self._data
         data.mocap_pos[0], data.mocap_quat[0] = camera_m, camera_turn.as_quat(scalar_first=True)
-        data.mocap_pos[1] = _OUTSIDE_M if person is None else person.eyes_m
+        # Without a person the body is behind the walls.
+        data.mocap_pos[1] = (-50.0, 0.0, 0.0) if person is None else person.eyes_m
         if person is not None:
             data.mocap_quat[1] = Rotation.from_euler("z", person.yaw_rad).as_quat(scalar_first=True)
         self._mujoco.mj_forward(self._model, data)
@@ -194,10 +190,6 @@ def _patches(seed: int) -> Any:
 
 
 def _png(image: Any) -> bytes:
-    from io import BytesIO  # noqa: PLC0415
-
-    from PIL import Image  # noqa: PLC0415
-
     packed = BytesIO()
     Image.fromarray(image).save(packed, "PNG")
     return packed.getvalue()

@@ -94,7 +94,6 @@ class ViscaLink:
 
     def reset(self) -> None:
         """Reset the sequence number. Some cameras do not reply to this, and ignore sequence numbers."""
-        self._sequence = 0
         with contextlib.suppress(RobotError):
             self._exchange(wire.CONTROL, wire.RESET, attempts=1)
 
@@ -145,10 +144,9 @@ class ViscaLink:
                 self._socket.send(packet)
                 answer = self._answer(until_s, reply)
             except OSError as error:
-                why = str(error)
-                time.sleep(max(until_s - time.monotonic(), 0.0))
-                continue
+                answer, why = None, str(error)
             if answer is None:
+                time.sleep(max(until_s - time.monotonic(), 0.0))
                 continue
             self._answered_s += 0.25 * (time.monotonic() - started_s - self._answered_s)
             if answer == wire.SEQUENCE_ERROR:
@@ -172,16 +170,12 @@ class ViscaLink:
         while (left_s := until_s - time.monotonic()) > 0.0:
             self._socket.settimeout(left_s)
             try:
-                found = wire.unpack(self._socket.recv(64))
+                kind, sequence, payload = wire.unpack(self._socket.recv(64)) or (None, None, b"")
             except TimeoutError:
                 return None
-            if found is None:
-                continue
-            kind, sequence, payload = found
-            if reply == wire.CONTROL_REPLY:
-                if kind == wire.CONTROL_REPLY:
-                    return payload
-            elif sequence == self._sequence and (kind == reply or payload == wire.SEQUENCE_ERROR):
+            if reply == wire.CONTROL_REPLY == kind:
+                return payload
+            if sequence == self._sequence and (kind == reply or payload == wire.SEQUENCE_ERROR):
                 return payload
         return None
 

@@ -16,7 +16,6 @@ from gazempc.robots.robot import Robot
 # Position counts of pan and tilt, as of most cameras.
 COUNTS_PER_DEG = 14.4
 _ACK, _DONE = bytes.fromhex("9041ff"), bytes.fromhex("9051ff")
-_TYPE_ERROR = b"\x0f\x02"
 _SYNTAX_ERROR = bytes.fromhex("906002ff")
 # Vendor and model 0: not of a manufacturer.
 _ANSWERS = {
@@ -83,10 +82,9 @@ class ViscaServer:
             self._sequence = max(sequence, self._sequence)
             return [wire.pack(wire.REPLY, sequence, self._answer(payload))]
         if kind != wire.COMMAND or sequence <= self._sequence:
-            # Retransmitted or out of order: not executed twice.
-            return [
-                wire.pack(wire.CONTROL_REPLY, sequence, wire.SEQUENCE_ERROR if kind == wire.COMMAND else _TYPE_ERROR)
-            ]
+            # Retransmitted or out of order: not executed twice. Another type is an error of the message.
+            error = wire.SEQUENCE_ERROR if kind == wire.COMMAND else b"\x0f\x02"
+            return [wire.pack(wire.CONTROL_REPLY, sequence, error)]
         self._sequence = sequence
         steps = wire.drive_of(payload)
         if steps is None:

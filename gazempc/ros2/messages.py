@@ -18,8 +18,6 @@ PoseType = Literal[
 ]
 # Message types of sound directions: whole degrees, as of respeaker_ros, or radians.
 SoundType = Literal["std_msgs/msg/Int32", "std_msgs/msg/Float32"]
-# Plausibility bound of stamps: above any sensor's latency, far below the offset of simulated or unset clocks.
-_STAMP_OFF_MAX_S = 5.0
 _TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
@@ -70,7 +68,8 @@ def on_loop_clock(unix_s: float, to_loop_s: Callable[[float], float], now_s: flo
     """
     time_s = to_loop_s(unix_s)
     off_s = time_s - now_s
-    if not abs(off_s) <= _STAMP_OFF_MAX_S:
+    # Above any sensor's latency, far below the offset of simulated or unset clocks.
+    if not abs(off_s) <= 5.0:
         raise Ros2Error(
             f"its time stamp is {off_s:+.1f} s from this computer's clock: set both clocks by NTP; with a simulator "
             "set options.ros2.use_sim_time"

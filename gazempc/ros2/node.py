@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import islice
 from typing import Any
 
 from gazempc.errors import GazempcError
@@ -15,7 +16,6 @@ from gazempc.ros2.messages import Ros2Error, stamp_s, topic_name
 
 # Length of queues: older messages are outdated.
 WAITING_MAX = 256
-_CLOCK = "rosgraph_msgs/msg/Clock"
 
 
 class RosNotSourcedError(GazempcError):
@@ -96,12 +96,10 @@ class Subscription:
         Raises:
             Ros2Error: If the node is closed.
         """
-        taken: list[Any] = []
         handle, kind = self.made.handle, self.made.msg_type
         with ros_errors(), handle:
-            while len(taken) < WAITING_MAX and (found := handle.take_message(kind, False)) is not None:
-                taken.append(found[0])
-        return taken
+            taken = iter(lambda: handle.take_message(kind, False), None)
+            return [message for message, _ in islice(taken, WAITING_MAX)]
 
     @property
     def senders(self) -> tuple[str, ...]:
@@ -191,12 +189,11 @@ class Ros2Node:
                 self._node: Any = Node(
                     name, use_global_arguments=False, start_parameter_services=False, enable_rosout=False
                 )
-            self._clock = self.subscription("/clock", _CLOCK) if use_sim_time else None
+            self._clock = self.subscription("/clock", "rosgraph_msgs/msg/Clock") if use_sim_time else None
         except BaseException:
             _CONTEXT.leave()
             raise
         self._unix_minus_ros_s: float | None = None
-        self._open = True
 
     def unix_s(self, ros_s: float) -> float:
         """Convert a stamp to Unix time; with ``use_sim_time`` by the newest message of the clock.
@@ -239,7 +236,8 @@ class Ros2Node:
         """
         kind, full = message_type(type_name), topic_name(topic)
         with ros_errors():
-            made = self._node.create_subscription(kind, full, _unused, _quality(WAITING_MAX, latched, latched))
+            # The callback of a polled subscription is never called.
+            made = self._node.create_subscription(kind, full, lambda _: None, _quality(WAITING_MAX, latched, latched))
         return Subscription(self._node, made, full, type_name)
 
     def forget(self, subscription: Subscription) -> None:
@@ -269,15 +267,11 @@ class Ros2Node:
 
     def close(self) -> None:
         """Destroy the node; never raises."""
-        if self._open:
-            self._open = False
+        node, self._node = self._node, None
+        if node is not None:
             with contextlib.suppress(Exception):
-                self._node.destroy_node()
+                node.destroy_node()
             _CONTEXT.leave()
-
-
-def _unused(_message: Any) -> None:
-    """Callback of polled subscriptions."""
 
 
 def _quality(depth: int, latched: bool, reliable: bool) -> Any:

@@ -14,28 +14,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from gazempc.ros2.messages import FrameError, Ros2Error, stamp_s
 from gazempc.types import FloatArray
 
-# Tolerance of the unit length, as drivers round quaternions.
-_NORM_ERROR = 0.05
-# Maximum distance: of a map's origin at the equator.
-_FARTHEST_M = 1e8
-
-
 # Translation x, y, z in metres and the unit quaternion w, x, y, z.
 _Numbers = tuple[float, float, float, float, float, float, float]
-
-
-def _numbers_of(transform: Any) -> _Numbers:
-    """The numbers of a ``geometry_msgs/msg/Transform``.
-
-    Raises:
-        Ros2Error: If the position exceeds the size of the earth, or the rotation is invalid.
-    """
-    at, turn = transform.translation, transform.rotation
-    numbers = (at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z)
-    near = all(abs(value) <= _FARTHEST_M for value in numbers[:3])
-    if not near or not abs(math.hypot(*numbers[3:]) - 1.0) <= _NORM_ERROR:  # also refuses NaN
-        raise Ros2Error("its position exceeds the size of the earth, or its quaternion is not of unit length")
-    return numbers
 
 
 def _pose_of(numbers: _Numbers) -> FloatArray:
@@ -63,18 +43,6 @@ def between(early: FloatArray, late: FloatArray, share: float) -> FloatArray:
     return pose
 
 
-# Length of the history: observations are used within a second.
-_KEPT_S = 5.0
-# Maximum interval for interpolation.
-_LONGEST_GAP_S = 1.0
-# Backward jump of a stamp that indicates a restart of the sender, such as a bag played in a loop.
-_STARTED_AGAIN_S = 1.0
-# Lifetime of a frame without new transforms, such as of a person who left.
-_LIFETIME_S = 30.0
-# A stamp and the numbers of a pose, converted to a matrix on demand: few of a tree at 100 Hz are used.
-_Sample = tuple[float, _Numbers]
-
-
 class Transforms:
     """The tree of frames. Times are stamps of ROS time on any clock, seconds.
 
@@ -84,7 +52,8 @@ class Transforms:
     def __init__(self) -> None:
         self._parent: dict[str, str] = {}
         self._fixed: dict[str, FloatArray] = {}
-        self._moving: dict[str, deque[_Sample]] = {}
+        # Stamps and numbers of poses, converted to matrices on demand: few of a tree at 100 Hz are used.
+        self._moving: dict[str, deque[tuple[float, _Numbers]]] = {}
         self._fixed_children: dict[str, set[str]] = defaultdict(set)
         self._newest_s = -math.inf
         self._pruned_s = -math.inf
@@ -115,7 +84,13 @@ class Transforms:
         parent = header.frame_id.lstrip("/")
         if not parent or not child or parent == child:
             raise Ros2Error(f"its frame is {child!r} in {parent!r}: expected two frames")
-        numbers = _numbers_of(transform)
+        at, turn = transform.translation, transform.rotation
+        numbers = (at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z)
+        # Maximum distance: of a map's origin at the equator.
+        near = all(abs(value) <= 1e8 for value in numbers[:3])
+        # Tolerance of the unit length, as drivers round quaternions.
+        if not near or not abs(math.hypot(*numbers[3:]) - 1.0) <= 0.05:  # also refuses NaN
+            raise Ros2Error("its position exceeds the size of the earth, or its quaternion is not of unit length")
         time_s = 0.0 if fixed else stamp_s(header.stamp)
         if self._parent.get(child, parent) != parent or (child in self._fixed) != fixed:
             self._forget(child)
@@ -124,7 +99,7 @@ class Transforms:
             self._fixed[child] = _pose_of(numbers)
             self._fixed_children[parent].add(child)
         else:
-            self._note(child, (time_s, numbers))
+            self._note(child, time_s, numbers)
         return time_s
 
     def has(self, frame: str) -> bool:
@@ -209,26 +184,28 @@ class Transforms:
         if after == 0:
             raise FrameError(f"{where}: the first transform is {samples[0][0] - time_s:.2f} s newer")
         early, late = samples[after - 1], samples[after]
-        if late[0] - early[0] > _LONGEST_GAP_S:
+        # Maximum interval for interpolation.
+        if late[0] - early[0] > 1.0:
             raise FrameError(f"{where}: a gap of {late[0] - early[0]:.2f} s between transforms")
         return between(_pose_of(early[1]), _pose_of(late[1]), (time_s - early[0]) / (late[0] - early[0]))
 
-    def _note(self, child: str, sample: _Sample) -> None:
+    def _note(self, child: str, time_s: float, numbers: _Numbers) -> None:
         samples = self._moving.setdefault(child, deque())
-        time_s = sample[0]
-        if samples and time_s < samples[-1][0] - _STARTED_AGAIN_S:
+        # Backward jump of a stamp that indicates a restart of the sender, such as a bag played in a loop.
+        if samples and time_s < samples[-1][0] - 1.0:
             samples.clear()
             self._newest_s = time_s
         if samples and time_s <= samples[-1][0]:
             return
-        samples.append(sample)
-        while samples[0][0] < time_s - _KEPT_S:
+        samples.append((time_s, numbers))
+        # Length of the history: observations are used within a second.
+        while samples[0][0] < time_s - 5.0:
             samples.popleft()
         self._newest_s = max(self._newest_s, time_s)
         if abs(self._newest_s - self._pruned_s) > 1.0:
             self._pruned_s = self._newest_s
-            gone = [name for name, kept in self._moving.items() if kept[-1][0] < time_s - _LIFETIME_S]
-            for name in gone:
+            # Lifetime of a frame without new transforms, such as of a person who left.
+            for name in [name for name, kept in self._moving.items() if kept[-1][0] < time_s - 30.0]:
                 self._forget(name)
 
     def _forget(self, child: str) -> None:

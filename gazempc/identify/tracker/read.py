@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,9 +17,6 @@ from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.table import TABLES
 from gazempc.types import FloatArray
 from predictors import HeadObservation
-
-# Tolerated share of invalid lines (truncated at the end of a recording); beyond it the format is wrong.
-_BAD_LINES = 0.1
 
 
 @dataclass(frozen=True)
@@ -89,41 +85,35 @@ def of_lines(path: Path, person: str | None = None) -> HeadTrack:
     """
     found: dict[str, list[HeadObservation]] = defaultdict(list)
     bad: list[str] = []
-    count = 0
-    for number, text in enumerate(read_text(path, "lines of JSON").splitlines(), 1):
-        if not text.strip():
-            continue
-        count += 1
+    lines = [each for each in enumerate(read_text(path, "lines of JSON").splitlines(), 1) if each[1].strip()]
+    for number, text in lines:
         try:
             observation = parse_line(text, np.nan, lambda unix_s: unix_s)
+            found[observation.person_id or path.stem].append(observation)
         except LineError as error:
             problem = "age_s is not a capture time in a file; give capture_time_s" if '"age_s"' in text else str(error)
             bad.append(f"line {number}: {problem}")
-            continue
-        found[observation.person_id or path.stem].append(observation)
-    if len(bad) > _BAD_LINES * count or not found:
+    count = len(lines)
+    # Tolerated share of invalid lines (truncated at the end of a recording); beyond it the format is wrong.
+    if len(bad) > 0.1 * count or not found:
         place, _, problem = bad[0].partition(": ")
         raise RecordingError(path, place, f"{problem} ({len(bad)} of {count} lines)", "one observation per line")
     chosen = max(found, key=lambda name: len(found[name])) if person is None else person
     if chosen not in found:
         raise SettingsError(f"--person {person}: not in {path}; {suggest(chosen, found)}")
     notes = [f"{len(bad)} of {count} lines are not observations ({bad[0]})"] if bad else []
-    if others := [f"{name} ({len(lines)} frames)" for name, lines in found.items() if name != chosen]:
+    if others := [f"{name} ({len(own)} frames)" for name, own in found.items() if name != chosen]:
         notes.append(f"also in the file: {', '.join(others)}; choose by --person")
-    return _of_observations(chosen, found[chosen], notes)
-
-
-def _of_observations(person: str, observations: Sequence[HeadObservation], notes: Sequence[str]) -> HeadTrack:
-    times_s, first = np.unique([o.capture_time_s for o in observations], return_index=True)
-    kept = [observations[k] for k in first]
-    repeated = len(observations) - len(kept)
-    notes = [*notes, *([f"{repeated} lines repeat an earlier capture time: left out"] if repeated else [])]
+    times_s, first = np.unique([o.capture_time_s for o in found[chosen]], return_index=True)
+    kept = [found[chosen][k] for k in first]
+    if repeated := len(found[chosen]) - len(kept):
+        notes.append(f"{repeated} lines repeat an earlier capture time: left out")
     head_rad, pelvis_rad = (
         _forward_yaw_rad(np.array([np.full(4, np.nan) if quat is None else quat for quat in quats]))
         for quats in ([o.head_quat_wxyz for o in kept], [o.pelvis_quat_wxyz for o in kept])
     )
     positions_m = np.array([o.head_position_base_m for o in kept])
-    return HeadTrack(person, times_s, positions_m, head_rad, pelvis_rad, None, tuple(notes))
+    return HeadTrack(chosen, times_s, positions_m, head_rad, pelvis_rad, None, tuple(notes))
 
 
 def _forward_yaw_rad(quats_wxyz: FloatArray) -> FloatArray:
@@ -138,8 +128,6 @@ _ACCEPTED = (
     "lines of JSON as for a live source "
     f"({', '.join(_LINES)}); or the folder of a ROS 2 bag"
 )
-# Share of repeated frames above which they are removed; fewer occur with coordinates of few digits.
-_REPEATED = 0.1
 # Least range of a head; if it is less, the origin is not the sensor.
 _LEAST_RANGE_M = 0.1
 # Least data for the estimation of errors.
@@ -165,11 +153,6 @@ def read_track(path: Path, person: str | None = None) -> HeadTrack:
     if not is_lines and not path.is_dir() and (not path.exists() or path.suffix.lower() not in (*TABLES, ".json")):
         raise RecordingError(path, "", "no such recording" if not path.exists() else "unknown file type", _ACCEPTED)
     track = of_lines(path, person) if is_lines else of_recording(path, person)
-    _check(path, track)
-    return _without_repeats(track)
-
-
-def _check(path: Path, track: HeadTrack) -> None:
     place, frames = f"person {track.person}", track.times_s.size
     duration_s = float(np.ptp(track.times_s)) if frames else 0.0
     if frames < _MIN_FRAMES or duration_s < _MIN_DURATION_S:
@@ -181,12 +164,9 @@ def _check(path: Path, track: HeadTrack) -> None:
     if (np.linalg.norm(track.position_m, axis=1) < _LEAST_RANGE_M).any():
         needed = "positions in the sensor's frame, x forward, y left, z up, the sensor at the origin"
         raise RecordingError(path, place, f"a head within {_LEAST_RANGE_M:g} m of the origin", needed)
-
-
-def _without_repeats(track: HeadTrack) -> HeadTrack:
-    """The track without repeated frames, from a tracker that publishes at a higher rate than it measures."""
     new = np.concatenate([[True], (np.diff(track.position_m, axis=0) != 0.0).any(axis=1)])
-    if new.mean() > 1.0 - _REPEATED:
+    # A tracker may publish at a higher rate than it measures; few repeated frames occur with coordinates of few digits.
+    if new.mean() > 0.9:
         return track
     note = f"{int((~new).sum())} of {new.size} frames repeat the previous position exactly: left out"
     arrays = {name: value[new] for name, value in vars(track).items() if isinstance(value, np.ndarray)}

@@ -12,15 +12,13 @@ import numpy as np
 from gazempc.command import Progress
 from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
-from gazempc.identify.tracker.errors import Errors
-from gazempc.identify.tracker.measure import TrackerErrors, measure_tracker
+from gazempc.identify.tracker.measure import Errors, TrackerErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
 from gazempc.results.table import aligned
 from gazempc.types import FloatArray
 
 DEG = 180.0 / math.pi
 ASSUMED_LATENCY_S = 0.066
-_GOOD_S = 20.0
 
 
 def table(errors: TrackerErrors) -> str:
@@ -39,20 +37,19 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
     yield "s.d. of their intervals (ms)", f"{1e3 * frames.jitter_s:.1f}", kept
     yield "single frames missing (%)", f"{100 * frames.single_share:.2f}", ""
     gaps_s = frames.gaps_s
-    spell = f"{gaps_s.min():.2f} to {gaps_s.max():.2f} s long" if gaps_s.size else ""
-    yield "longer gaps", f"{gaps_s.size}", spell
+    yield "longer gaps", f"{gaps_s.size}", f"{gaps_s.min():.2f} to {gaps_s.max():.2f} s long" if gaps_s.size else ""
     if errors.delay_s is not None:
         yield "from stamp to arrival (ms)", f"{1e3 * errors.delay_s:.1f}", "median"
     yield from _direction_rows("range", "% of the range", errors.along, 100.0)
     yield from _direction_rows("bearing", "deg, each axis", errors.across, DEG)
-    jumps = errors.jumps
-    if jumps.durations_s.size:
+    durations_s = errors.jump_durations_s
+    if durations_s.size:
         along, across = map(np.median, errors.jump_sizes_m)
         size = f"{along:.2f} m along, {across:.2f} m across the line of sight (medians)"
-        remark = f"{size}; up to {jumps.durations_s.max():.2f} s"
-        yield "jumps per second", f"{jumps.durations_s.size / errors.used_s:.2f}", remark
+        remark = f"{size}; up to {durations_s.max():.2f} s"
+        yield "jumps per second", f"{durations_s.size / errors.along.used_s:.2f}", remark
     else:
-        yield "jumps per second", "0", f"{errors.used_s:.0f} s"
+        yield "jumps per second", "0", f"{errors.along.used_s:.0f} s"
     for name, yaw in (("head yaw", errors.head_yaw), ("pelvis yaw", errors.pelvis_yaw)):
         if yaw is None:
             yield name, "-", "not in the recording"
@@ -82,11 +79,11 @@ def warnings(errors: TrackerErrors) -> list[str]:
             f"the person moved too much: {still}. Wander is omitted, so the file understates the error; "
             "record 30 s of a person who stands still"
         )
-    elif errors.used_s < _GOOD_S:
-        found.append(f"only {errors.used_s:.0f} s of a person at rest; 30 s are better, mainly for wander")
+    elif errors.along.used_s < 20.0:
+        found.append(f"only {errors.along.used_s:.0f} s of a person at rest; 30 s are better, mainly for wander")
     if errors.along.hidden or errors.across.hidden:
         found.append("white error: upper bounds only, as the tracker smooths, or the person moved")
-    if errors.jumps.durations_s.size and not errors.jumps_across:
+    if errors.jump_durations_s.size and not errors.jumps_across:
         found.append("jumps are small or along the line of sight only: omitted, as a sensor file has no field for them")
     if errors.latency_s is None:
         found.append(f"latency is not measured: the file assumes {1e3 * ASSUMED_LATENCY_S:.0f} ms, as `reference`")
@@ -107,13 +104,13 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
         TOML that `gazempc.sim.sensor.load_sensor` reads.
     """
     frames, wait_s = errors.frames, errors.latency_s
+    parts = {"range": errors.along, "bearing": errors.across}
+    unknown = [part for part, error in parts.items() if error.wander_is == "unknown"]
     found = (
         f"range white {_white(errors.along, 100.0, 2)} %, bearing white "
-        f"{_white(errors.across, DEG, 3)} deg (95 % intervals) on {errors.used_s:.0f} s at {errors.range_m[1]:.2f} m"
+        f"{_white(errors.across, DEG, 3)} deg (95 % intervals) on {errors.along.used_s:.0f} s at "
+        f"{errors.range_m[1]:.2f} m"
     )
-    unknown = [
-        name for name, error in (("range", errors.along), ("bearing", errors.across)) if error.wander_is == "unknown"
-    ]
     values: dict[str, object] = {
         "name": name,
         "source": f"measured by gazempc on {day.isoformat()} from {origin}, {track.person}: {found}; "
@@ -126,11 +123,14 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
         "across": _direction_table(errors.across, DEG, "deg"),
     }
     if errors.jumps_across:
-        values["jumps"] = _jumps_table(errors)
-    values["head_yaw"] = _yaw_table(errors.head_yaw)
-    values["pelvis_yaw"] = _yaw_table(errors.pelvis_yaw)
+        durations_s = errors.jump_durations_s
+        low_m, high_m = np.quantile(np.hypot(*errors.jump_sizes_m), [0.1, 0.9])
+        bursts = _bursts(errors.along.used_s, durations_s, (0.1, 0.9))
+        values["jumps"] = {**bursts, "size_min_m": _rounded(low_m), "size_max_m": _rounded(high_m)}
+    for part, yaw in (("head_yaw", errors.head_yaw), ("pelvis_yaw", errors.pelvis_yaw)):
+        values[part] = {"reported": False} if yaw is None else _direction_table(yaw, DEG, "deg")
     if frames.gaps_s.size:
-        values["loss"] = _bursts(frames.gap_interval_s, frames.gaps_s, (0.0, 1.0))
+        values["loss"] = _bursts(frames.duration_s, frames.gaps_s, (0.0, 1.0))
     if not frames.regular:
         # Range of a uniform distribution with this standard deviation; the rate is without delays.
         jitter_s = frames.jitter_s * math.sqrt(12.0)
@@ -152,19 +152,8 @@ def _direction_table(error: Errors, factor: float, unit: str) -> dict[str, objec
     return values
 
 
-def _yaw_table(yaw: Errors | None) -> dict[str, object]:
-    return {"reported": False} if yaw is None else _direction_table(yaw, DEG, "deg")
-
-
-def _jumps_table(errors: TrackerErrors) -> dict[str, object]:
-    durations_s = errors.jumps.durations_s
-    low_m, high_m = np.quantile(np.hypot(*errors.jump_sizes_m), [0.1, 0.9])
-    free_s = errors.used_s - float(durations_s.sum())
-    bursts = _bursts(free_s / durations_s.size, durations_s, (0.1, 0.9))
-    return {**bursts, "size_min_m": _rounded(low_m), "size_max_m": _rounded(high_m)}
-
-
-def _bursts(interval_s: float, durations_s: FloatArray, quantiles: tuple[float, float]) -> dict[str, object]:
+def _bursts(total_s: float, durations_s: FloatArray, quantiles: tuple[float, float]) -> dict[str, object]:
+    interval_s = (total_s - float(durations_s.sum())) / durations_s.size
     low_s, high_s = map(_rounded, np.quantile(durations_s, quantiles))
     return {"mean_interval_s": _rounded(interval_s), "duration_min_s": low_s, "duration_max_s": high_s}
 

@@ -9,12 +9,11 @@ from builders.replays import at_100_hz
 from scipy import signal
 
 from gazempc.files.documents import as_toml
-from gazempc.identify.estimate import bandwidth_hz, estimate_axis
+from gazempc.identify.estimate import Z_95, ServoModel, bandwidth_hz, estimate_axis, robust_covariance
 from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.identify import main as identify
 from gazempc.identify.latency import estimate_latency
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.servo_fit import Z_95, ServoModel, robust_covariance
 from gazempc.neck.spec import load_neck
 
 TRUTHS = [
@@ -156,7 +155,7 @@ def test_backlash_is_reported_and_noise_is_not(clean):
 @pytest.mark.parametrize(("wn", "zeta"), [(6.0, 1.2), (25.0, 0.5), (10.0, 1.0)])
 def test_model_is_the_transfer_function_that_scipy_simulates(wn, zeta):
     """lsim on a finer grid with a delay of an integer number of its steps."""
-    motion = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(duration_s=8.0)).position_rad[:, 0]
+    motion = excite(REFERENCE, REFERENCE.rest_rad, ExcitationSettings(duration_s=8.0))[:, 0]
     command_time = 0.005 * np.arange(motion.size)
     fine = 0.0005 * np.arange(10 * motion.size)
     delay_steps = 247  # 123.5 ms

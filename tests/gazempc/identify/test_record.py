@@ -47,7 +47,7 @@ def test_the_neck_brakes_within_limits_however_a_run_ends(cause):
 @given(seconds=st.floats(0.5, 11.0))
 @settings(max_examples=10)
 def test_braking_keeps_acceleration_and_jerk_limits(seconds):
-    motion = excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad
+    motion = excite(REFERENCE, REFERENCE.rest_rad, SHORT)
     at = int(seconds * 200)
     u = np.concatenate([motion[:at], brake(REFERENCE, motion[at - 3 : at])])
     assert np.all(np.abs(np.diff(u, 2, axis=0)) * 200**2 <= REFERENCE.acceleration_max_rad_s2 * 1.02)
@@ -69,7 +69,7 @@ class HeldUp(SimulatedClock):
 
 def test_a_late_tick_causes_no_jump():
     """The plan is delayed, not shortened; after a longer stall the neck is braked and the run aborted."""
-    planned = np.abs(np.diff(excite(REFERENCE, REFERENCE.rest_rad, SHORT).position_rad, axis=0)).max()
+    planned = np.abs(np.diff(excite(REFERENCE, REFERENCE.rest_rad, SHORT), axis=0)).max()
     taken = simulate(REFERENCE, clock=HeldUp(0.06))
     assert np.abs(np.diff(taken.command_rad, axis=0)).max() <= planned + 1e-12
     clock = HeldUp(0.5)
@@ -115,7 +115,7 @@ def test_excitation_stays_within_limits(pan, tilt, rates, how):
     start = neck.rest_rad
     motion = excite(neck, start, how)
     # At rest before and after: differences across the ends are included.
-    u = np.concatenate([start[None], motion.position_rad, np.tile(motion.position_rad[-1], (3, 1))])
+    u = np.concatenate([start[None], motion, np.tile(motion[-1], (3, 1))])
     assert_within(neck.command_limits, u, neck.servo_period_s)
-    assert np.ptp(motion.position_rad[:, 0]) > 0
-    assert (np.ptp(motion.position_rad[:, 1]) > 0) == (how.axes != ("pan",))
+    assert np.ptp(motion[:, 0]) > 0
+    assert (np.ptp(motion[:, 1]) > 0) == (how.axes != ("pan",))

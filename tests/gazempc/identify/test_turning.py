@@ -1,17 +1,15 @@
 """Rotation between pictures of a synthetic panorama; delay, lag and speeds from rotations."""
 
-import datetime
-
 import numpy as np
 import pytest
 from scipy import signal
 from scipy.ndimage import gaussian_filter
 
 from gazempc.files.documents import as_toml
-from gazempc.identify.identified import TurnedAxis, option_words, turned_table, turned_toml
+from gazempc.identify.from_picture import TurnedAxis, option_words, turned_table, turned_toml
 from gazempc.identify.identify import main
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.turning import Interval, Odometer, Pulse, TurnEstimate, Turning, estimate_turns
+from gazempc.identify.turning import Interval, Pulse, TurnEstimate, Turning, estimate_turns, turned_rad
 from gazempc.neck.spec import load_neck
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.robots.options import RobotOptions
@@ -111,10 +109,10 @@ def test_motion_blur_and_dim_light_are_tolerated(room, share, exposure_s):
         time_s = np.arange(0.0, 1.8, 0.1) + rng.uniform(0.0, 0.1)
         ends = [servo(time_s + half_s, 0.2, 0.7, np.radians(deg_s), 0.5, 15.0) for half_s in (-0.05, 0.0, 0.05)]
         blur = exposure_s / 0.1 * np.abs(ends[2] - ends[0]) * FOCAL
-        odometer = Odometer(Turning("pan", FOV, WIDTH, HEIGHT), np.radians(12.0))
         shots = zip(ends[1], blur, range(time_s.size), strict=True)
-        angle = [odometer.add(picture(room, pan, share=share, blur=px, seed=seed)) for pan, px, seed in shots]
-        seen.append(Pulse(step, 0.2, 0.7, time_s, np.array(angle)))
+        greys = [picture(room, pan, share=share, blur=px, seed=seed) for pan, px, seed in shots]
+        angle_rad = turned_rad(Turning("pan", FOV, WIDTH, HEIGHT), greys, np.radians(12.0))
+        seen.append(Pulse(step, 0.2, 0.7, time_s, angle_rad))
     found = estimate_turns(seen, 1.5)
     assert found.delay_s.value == pytest.approx(0.5, abs=0.015)
     for step, deg_s in ((1, 6.0), (-1, -6.0), (2, 20.0), (-2, -20.0)):
@@ -135,11 +133,10 @@ def test_a_scene_uncorrelated_with_commands_is_refused():
         estimate_turns(wandering, 1.5)
 
 
-def test_an_odometer_accumulates_a_turn_wider_than_the_picture(room):
-    odometer = Odometer(Turning("pan", FOV, WIDTH, HEIGHT), np.radians(12.0))
-    for turn_deg in np.arange(0.0, 90.0, 8.0):
-        found = odometer.add(picture(room, np.radians(turn_deg), seed=int(turn_deg)))
-    assert np.degrees(found) == pytest.approx(88.0, abs=0.5)
+def test_odometry_accumulates_a_turn_wider_than_the_picture(room):
+    greys = [picture(room, np.radians(turn_deg), seed=int(turn_deg)) for turn_deg in np.arange(0.0, 90.0, 8.0)]
+    found_rad = turned_rad(Turning("pan", FOV, WIDTH, HEIGHT), greys, np.radians(12.0))
+    assert np.degrees(found_rad[-1]) == pytest.approx(88.0, abs=0.5)
 
 
 # ---------------------------------------------------------------- the command on the emulated camera
@@ -164,7 +161,7 @@ def test_the_neck_file_has_the_measured_table(answers, dead_time_s, tmp_path):
     by_answers = turn_estimate(0.3, {k: -v for k, v in speeds.items()}) if answers else None
     axes = [TurnedAxis(name, turn_estimate(0.5, by_picture), by_answers, 3) for name in ("pan", "tilt")]
     path, view_rad = tmp_path / "measured.toml", np.radians([60.0, 36.0])
-    path.write_text(turned_toml(PTZ, axes, tuple(view_rad), "measured", "a test", datetime.date(2026, 11, 23)))
+    path.write_text(turned_toml(PTZ, axes, tuple(view_rad), "measured", "a test"))
     neck = load_neck(path)
     assert neck.pan.dead_time_s == dead_time_s
     assert neck.pan.speed_steps.positive_rad_s == pytest.approx((0.09, 0.4, 0.6))

@@ -14,8 +14,7 @@ from gazempc.identify.identify import main as identify
 from gazempc.live.session import main as live
 from gazempc.neck.kinematics import gaze_ray
 from gazempc.neck.spec import Geometry, load_neck
-from gazempc.robots import mujoco_model
-from gazempc.robots.mujoco import MujocoNeck
+from gazempc.robots.mujoco import MujocoNeck, neck_mjcf
 from gazempc.sim.simulated import SimulatedNeck
 
 NECK = load_neck("reference")
@@ -152,7 +151,7 @@ def test_the_state_is_held_between_steps_and_commands_are_clamped():
 )
 def test_the_camera_pose_equals_the_kinematics(neck):
     """The camera's pose by MuJoCo's kinematics, for all offsets and sets of joints."""
-    model = mujoco.MjModel.from_xml_string(mujoco_model.neck_mjcf(neck))
+    model = mujoco.MjModel.from_xml_string(neck_mjcf(neck))
     data = mujoco.MjData(model)
     for angles in np.random.default_rng(0).uniform(-1.2, 1.2, (20, neck.joints)):
         for name, angle in zip(neck.joint_names, angles, strict=True):

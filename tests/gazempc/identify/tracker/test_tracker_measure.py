@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from builders.trackers import person_m, seen_m, track_of, wander
 
-from gazempc.identify.tracker.measure import measure_tracker
+from gazempc.identify.tracker.measure import frame_times, measure_tracker
 from gazempc.identify.tracker.read import read_track
-from gazempc.identify.tracker.timing import frame_times
 
 # Long enough to estimate a correlation time of 1 s; half of that without wander.
 TIMES_S = np.arange(0.0, 30.0, 1.0 / 12.0)
@@ -35,7 +34,7 @@ def test_jumps_are_detected_and_do_not_bias_other_estimates():
     for start in range(40, 300, 80):
         position_m[start : start + 6, 1] += 0.15
     one = measure_tracker(track_of(SHORT_S, position_m))
-    assert one.jumps.durations_s == pytest.approx(np.full(4, 5.0 / 20.0), abs=0.06)
+    assert one.jump_durations_s == pytest.approx(np.full(4, 5.0 / 20.0), abs=0.06)
     _, across_m = one.jump_sizes_m
     assert across_m == pytest.approx(np.full(4, 0.15), rel=0.15)
     assert one.jumps_across
@@ -49,7 +48,7 @@ def test_a_start_to_walk_is_not_a_jump():
     true_m[:, 1] += np.interp(SHORT_S, [9.0, 9.5, 11.5, 12.0], [0.0, 0.3, 2.7, 3.0])
     position_m = seen_m(rng, true_m, SHORT_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
     one = measure_tracker(track_of(SHORT_S, position_m))
-    assert one.jumps.durations_s.size == 0
+    assert one.jump_durations_s.size == 0
     assert 9.0 < one.still_s < 15.0
 
 
@@ -108,7 +107,7 @@ def test_single_losses_and_gaps_are_distinguished():
     assert found.single_share == pytest.approx(8 / 600)
     assert found.gaps_s == pytest.approx([12 / 30, 6 / 30], rel=1e-3)
     assert found.rate_hz == pytest.approx(30.0, rel=1e-3)
-    assert found.gap_interval_s == pytest.approx((GRID_S[-1] - 18 / 30) / 2, rel=1e-2)
+    assert found.duration_s - found.gaps_s.sum() == pytest.approx(GRID_S[-1] - 18 / 30, rel=1e-2)
 
 
 def test_an_irregular_tracker_loses_nothing():
