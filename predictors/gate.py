@@ -96,9 +96,12 @@ class Gate:
         # No manoeuvre noise for another identity: within a person's reach it is more probably another person.
         since_s = 0.0 if self._has_other_identity(observation) else observation.capture_time_s - self._accepted_s
         near = is_near(innovation_m, spread_m2 + self._measured_m2, since_s)
-        of_candidate = bool(self.candidate) and _associated(self.candidate[-1], observation)
-        if near and of_candidate:
-            near = _distance_m(self.candidate[-1], observation) > math.hypot(*innovation_m.tolist())
+        of_candidate = False
+        for other in self.candidate[-1:]:
+            apart_m = math.dist(other.head_position_base_m, observation.head_position_base_m)
+            apart_s = observation.capture_time_s - other.capture_time_s
+            of_candidate = apart_m <= _CANDIDATE_ERROR_M + _CANDIDATE_SPEED_M_S * apart_s
+            near = near and not (of_candidate and apart_m <= math.hypot(*innovation_m.tolist()))
         if not (of_candidate and len(self.candidate) >= _CANDIDATE_FRAMES):
             # From the third detection on the candidate is a person: its innovations are no tracker errors.
             self._update_covariance(innovation_m, spread_m2, observation.capture_time_s)
@@ -156,15 +159,6 @@ def allowance_m(since_s: AnyTime) -> AnyTime:
     return 0.5 * _MANOEUVRE_SD_M_S2 * (since_s + _FILTER_LAG_S) ** 2
 
 
-def _distance_m(one: HeadObservation, other: HeadObservation) -> float:
-    return math.dist(one.head_position_base_m, other.head_position_base_m)
-
-
-def _associated(one: HeadObservation, other: HeadObservation) -> bool:
-    since_s = other.capture_time_s - one.capture_time_s
-    return _distance_m(one, other) <= _CANDIDATE_ERROR_M + _CANDIDATE_SPEED_M_S * since_s
-
-
 class GatedFilter(ABC):
     """Kalman filter of the head's position with a `Gate`; a subclass provides the motion model.
 
@@ -175,6 +169,11 @@ class GatedFilter(ABC):
     Args:
         position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
         gated: False to accept every observation, as a plain Kalman filter.
+
+    Attributes:
+        started_at_s: Capture time of the track's first observation; None before it.
+        accepted: Observations accepted by the last update: empty after a rejection; the whole candidate after a
+            restart.
     """
 
     def __init__(self, position_noise_m: float, gated: bool = True) -> None:
@@ -186,19 +185,9 @@ class GatedFilter(ABC):
     def reset(self) -> None:
         """Return to the initial state."""
         self._time_s = self._issued_at_s = -math.inf
-        self._started_at_s: float | None = None
-        self._accepted: tuple[HeadObservation, ...] = ()
+        self.started_at_s: float | None = None
+        self.accepted: tuple[HeadObservation, ...] = ()
         self._gate = Gate()
-
-    @property
-    def started_at_s(self) -> float | None:
-        """Capture time of the track's first observation; None before it."""
-        return self._started_at_s
-
-    @property
-    def accepted(self) -> tuple[HeadObservation, ...]:
-        """Observations accepted by the last update: empty after a rejection; the whole candidate after a restart."""
-        return self._accepted
 
     @property
     def rejections_in_a_row(self) -> int:
@@ -220,9 +209,9 @@ class GatedFilter(ABC):
         Raises:
             OutOfOrderError: If it is not newer than the last observation.
         """
-        check_newer(observation, None if self._started_at_s is None else self._time_s)
+        check_newer(observation, None if self.started_at_s is None else self._time_s)
         R = noise_m2(observation, unstated_m2) + extra_m2
-        if self._started_at_s is None:
+        if self.started_at_s is None:
             self._start(observation, R)
             return
         expected_m, covariance_m2 = self._predict(observation.capture_time_s - self._time_s)
@@ -230,24 +219,24 @@ class GatedFilter(ABC):
         if not self._gated or self._gate.accepts(observation, expected_m, covariance_m2 + R):
             self._correct(observation.head_position_base_m, R)
             self._issued_at_s = observation.capture_time_s
-            self._accepted = (observation,)
+            self.accepted = (observation,)
             return
-        self._accepted = ()
+        self.accepted = ()
         if self._gate.lost:
             candidate = self._gate.candidate
             self._start(candidate[0], noise_m2(candidate[0], unstated_m2) + extra_m2)
             for other in candidate[1:]:
                 self.update_with(other, unstated_m2, extra_m2)
-            self._accepted = candidate
+            self.accepted = candidate
 
     def _start(self, observation: HeadObservation, R: FloatArray) -> None:
         self._begin(observation.head_position_base_m, R)
-        self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
-        self._accepted = (observation,)
+        self._time_s = self._issued_at_s = self.started_at_s = observation.capture_time_s
+        self.accepted = (observation,)
         self._gate.begin(observation)
 
     def _check_started(self) -> None:
-        if self._started_at_s is None:
+        if self.started_at_s is None:
             raise NotReadyError("no observation yet")
 
     @abstractmethod

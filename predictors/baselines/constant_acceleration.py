@@ -27,8 +27,8 @@ def transition(dt_s: FloatArray) -> FloatArray:
     Returns:
         F, shape (H, 9, 9).
     """
-    one, zero = np.ones_like(dt_s), np.zeros_like(dt_s)
-    return _on_each_axis([[one, dt_s, dt_s**2 / 2.0], [zero, one, dt_s], [zero, zero, one]])
+    t = dt_s[:, None, None]
+    return np.asarray(np.eye(9) + t * np.eye(9, k=3) + t**2 / 2.0 * np.eye(9, k=6))
 
 
 def process_noise(dt_s: FloatArray, jerk_psd: float) -> FloatArray:
@@ -42,18 +42,8 @@ def process_noise(dt_s: FloatArray, jerk_psd: float) -> FloatArray:
         Q, shape (H, 9, 9). Bar-Shalom, Li & Kirubarajan (2001), eq. 6.2.3-9.
     """
     t = dt_s
-    return jerk_psd * _on_each_axis(
-        [
-            [t**5 / 20.0, t**4 / 8.0, t**3 / 6.0],
-            [t**4 / 8.0, t**3 / 3.0, t**2 / 2.0],
-            [t**3 / 6.0, t**2 / 2.0, t],
-        ]
-    )
-
-
-def _on_each_axis(blocks: list[list[FloatArray]]) -> FloatArray:
-    block = np.moveaxis(np.array(blocks), -1, 0)
-    return np.asarray(np.einsum("hij,kl->hikjl", block, np.eye(3)).reshape(-1, 9, 9))
+    block = np.array([[t**5 / 20, t**4 / 8, t**3 / 6], [t**4 / 8, t**3 / 3, t**2 / 2], [t**3 / 6, t**2 / 2, t]])
+    return np.asarray(jerk_psd * np.einsum("ijh,kl->hikjl", block, np.eye(3)).reshape(-1, 9, 9))
 
 
 def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[float, ...]) -> KalmanFilter:

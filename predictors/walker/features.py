@@ -203,9 +203,7 @@ class WalkerHistory:
         line_m_s = np.array([speed, 0.0, float(state[5])])
         stated_sd_m, stated_base_m2 = (np.array(sd_m), covariance_m2) if stated else (np.zeros(3), np.zeros((3, 3)))
         precise = self._precision(noise_m2, 1.0 if stated else measured_share)
-        return WalkerInputs(
-            line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, np.array(places_m), precise
-        )
+        return WalkerInputs(line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, places_m, precise)
 
     def _precision(self, noise_m2: list[float], share: float) -> float:
         measured_m2 = ((m2 - (1.0 - share) * PRIOR_M**2) / max(share, _ROUNDING_M2) for m2 in noise_m2)

@@ -115,12 +115,11 @@ class Walker:
             return
         motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
         self._regimes = self._model.regimes(inputs.network[None], motion, np.array([inputs.precise]))
-        evidence = self._regimes.evidence
-        if self._evidence is None or last_s is None:
-            self._evidence = evidence
-        else:
+        before, evidence = self._evidence, self._regimes.evidence
+        if before is not None and last_s is not None:
             gain = -math.expm1((last_s - inputs.line.time_s) / _EVIDENCE_S)
-            self._evidence = self._evidence + gain * (evidence - self._evidence)
+            evidence = before + gain * (evidence - before)
+        self._evidence = evidence
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the networks, for a fit.
