@@ -265,7 +265,7 @@ class LoopRecorder:
 def _later(record: Callable[..., None]) -> Callable[..., None]:
     @wraps(record)
     def note(self: LaterRecorder, *args: Any, **named: Any) -> None:
-        self.notes.append((record, args, named))
+        self.notes.append(lambda recorder: record(recorder, *args, **named))
 
     return note
 
@@ -275,7 +275,7 @@ class LaterRecorder(LoopRecorder):
 
     def __init__(self) -> None:
         super().__init__(0.0)
-        self.notes: deque[tuple[Callable[..., None], tuple[Any, ...], dict[str, Any]]] = deque()
+        self.notes: deque[Callable[[LoopRecorder], None]] = deque()
 
     event = _later(LoopRecorder.event)
     refuse = _later(LoopRecorder.refuse)
@@ -291,5 +291,4 @@ class LaterRecorder(LoopRecorder):
             recorder: Receives the records.
         """
         while self.notes:
-            record, args, named = self.notes.popleft()
-            record(recorder, *args, **named)
+            self.notes.popleft()(recorder)
