@@ -134,7 +134,12 @@ class AttendedPeople:
             elif track is not None and self._guarded(track, sighting, time_s, recorder):
                 recorder.refuse(Event.TRACKER_FROZEN, time_s)
             elif track is not None and is_attended:
-                self._take_attended(track, sighting.observation, update_ms, time_s, recorder)
+                seen = self.newest = sighting.observation
+                self.newest_capture_s = seen.capture_time_s
+                forecast = self.forecast(seen.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
+                if track.refused:
+                    recorder.refuse(Event.GATE_REFUSED, time_s)
+                recorder.observation(time_s, seen, forecast, update_ms, used=not track.refused)
             else:
                 recorder.refused(Event.ANOTHER_PERSON)
 
@@ -147,15 +152,6 @@ class AttendedPeople:
             # The last half second of the track is repeated frames, a false standstill.
             track.begin_anew()
         return frozen
-
-    def _take_attended(
-        self, track: TrackedPerson, seen: HeadObservation, update_ms: float, time_s: float, recorder: LoopRecorder
-    ) -> None:
-        self.newest, self.newest_capture_s = seen, seen.capture_time_s
-        forecast = self.forecast(seen.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
-        if track.refused:
-            recorder.refuse(Event.GATE_REFUSED, time_s)
-        recorder.observation(time_s, seen, forecast, update_ms, used=not track.refused)
 
     def _decide(self, time_s: float, recorder: LoopRecorder) -> None:
         before = self.attention.attended

@@ -52,8 +52,7 @@ class LoopRecorder:
         self._attended: list[tuple[float, int, str]] = []
         self._away: list[tuple[float, float, str]] = []
         self._event_last_s: dict[str, float] = {}
-        self._faults: dict[str, Fault] = {}
-        self._tracebacks: dict[str, traceback.TracebackException] = {}
+        self._faults: dict[str, tuple[Fault, traceback.TracebackException]] = {}
         self.used = self.ticks = 0
         self._refused: Counter[str] = Counter()
         self._update_ms, self._step_ms, self._latency_ms = array("d"), array("d"), array("d")
@@ -70,7 +69,7 @@ class LoopRecorder:
         Slow: the source lines of the tracebacks are read from files.
         """
         faults = list(self._faults.values())
-        return tuple(replace(each, traceback="".join(self._tracebacks[each.event].format())) for each in faults)
+        return tuple(replace(fault, traceback="".join(trace.format())) for fault, trace in faults)
 
     @property
     def refusals(self) -> dict[str, int]:
@@ -190,20 +189,19 @@ class LoopRecorder:
             self._events.append((time_s, str(name)))
             if self._watch is not None:
                 known = self._faults.get(str(name))
-                self._watch(EventMoment(time_s, str(name), str(name) if known is None else known.line))
+                self._watch(EventMoment(time_s, str(name), str(name) if known is None else known[0].line))
         self._event_last_s[name] = time_s
 
     def _fault(self, name: str, error: BaseException) -> None:
-        known = self._faults.get(name)
-        if known is not None:
-            self._faults[name] = replace(known, count=known.count + 1)
+        if name in self._faults:
+            fault, trace = self._faults[name]
+            self._faults[name] = replace(fault, count=fault.count + 1), trace
             return
-        line = str(error) if isinstance(error, PartError) else error_line(error)
         # The traceback ends where the part raised.
-        cause = error.error if isinstance(error, PartError) else error
+        cause, line = (error.error, str(error)) if isinstance(error, PartError) else (error, error_line(error))
         # Source lines are read later: file access takes many ticks.
-        self._tracebacks[name] = traceback.TracebackException.from_exception(cause, lookup_lines=False)
-        self._faults[name] = Fault(name, 1, line, "")
+        trace = traceback.TracebackException.from_exception(cause, lookup_lines=False)
+        self._faults[name] = Fault(name, 1, line, ""), trace
         _LOGGER.warning("%s: %s", name, line, exc_info=cause)
 
     def finish(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +10,6 @@ from numpy.typing import ArrayLike
 from predictors.gate import GatedFilter
 from predictors.predictor import as_times
 from predictors.types import FloatArray, Forecast, check_positive
-
-if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
 
 _INITIAL_SPEED_SD_M_S = 1.0
 _INITIAL_ACCELERATION_SD_M_S2 = 1.0
@@ -46,7 +43,7 @@ def process_noise(dt_s: FloatArray, jerk_psd: float) -> FloatArray:
     return np.asarray(jerk_psd * np.einsum("ijh,kl->hikjl", block, np.eye(3)).reshape(-1, 9, 9))
 
 
-def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[float, ...]) -> KalmanFilter:
+def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[float, ...]) -> Any:
     """Kalman filter of position and derivatives, initialised at a position.
 
     Args:
@@ -55,7 +52,7 @@ def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[fl
         derivative_sds: Prior standard deviation of each derivative on each axis, m/s, m/s^2, ...
 
     Returns:
-        The filter; the means of the derivatives are zero.
+        The filter, a `filterpy.kalman.KalmanFilter`; the means of the derivatives are zero.
     """
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 
