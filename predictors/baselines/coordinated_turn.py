@@ -136,6 +136,14 @@ class CoordinatedTurn(Refinement):
         self._R = position_noise_m**2 * np.eye(3)
         super().__init__(ConstantVelocity(position_noise_m=position_noise_m))
 
+    def _reset_estimates(self) -> None:
+        from filterpy.kalman import ExtendedKalmanFilter  # noqa: PLC0415
+
+        self._filter = ExtendedKalmanFilter(dim_x=7, dim_z=1)
+        self._filter.x, self._filter.P = np.zeros(7), np.diag([0.0] * 5 + list(_OFFSET_SD_RAD**2))
+        self._walks = False
+        self._time_s = -np.inf
+
     def _refine(self, observation: HeadObservation) -> None:
         _, x, _ = self._position.state()
         speed_m_s = float(np.hypot(x[3], x[4]))
@@ -155,14 +163,6 @@ class CoordinatedTurn(Refinement):
         means[:, :2] = x[:, :2]
         covariances[:, :2, :2] = P[:, :2, :2]
         return Forecast(steady.times_s, means, covariances, steady.issued_at_s)
-
-    def _reset_estimates(self) -> None:
-        from filterpy.kalman import ExtendedKalmanFilter  # noqa: PLC0415
-
-        self._filter = ExtendedKalmanFilter(dim_x=7, dim_z=1)
-        self._filter.x, self._filter.P = np.zeros(7), np.diag([0.0] * 5 + list(_OFFSET_SD_RAD**2))
-        self._walks = False
-        self._time_s = -np.inf
 
     def _predict(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         x, F = transition(self._filter.x, dt_s, self._turn_time_s)

@@ -225,9 +225,8 @@ class Mpc:
     def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
         # First knot: the last command before the plan.
         now = situation.command
-        before = now.position_rad, now.velocity_rad_s, now.acceleration_rad_s2
-        pairs = zip(before, solution.command, strict=True)
-        return JointPlan(*(np.append(each[axis], planned) for each, planned in pairs))
+        before = now.position_rad[axis], now.velocity_rad_s[axis], now.acceleration_rad_s2[axis]
+        return JointPlan(*np.column_stack((before, solution.command)))
 
     def _sampled(self, position_rad: FloatArray) -> JointPlan:
         # Eyes and body start by linear extrapolation. A start at the present command would add a
