@@ -11,7 +11,28 @@ from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 
-class LastPosition:
+class _Latest:
+    """Keeps the newest observation."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the initial state, before the first observation."""
+        self._last: HeadObservation | None = None
+
+    def update(self, observation: HeadObservation) -> None:
+        """Update with one observation; see `predictors.predictor.Predictor.update`."""
+        check_newer(observation, None if self._last is None else self._last.capture_time_s)
+        self._last = observation
+
+    def _newest(self) -> HeadObservation:
+        if self._last is None:
+            raise NotReadyError("no observation yet")
+        return self._last
+
+
+class LastPosition(_Latest):
     """Forecasts the last observed position, with a spread that grows at walking speed.
 
     Args:
@@ -24,33 +45,22 @@ class LastPosition:
         check_positive(position_noise_m=position_noise_m, walking_speed_m_s=walking_speed_m_s)
         self._R = position_noise_m**2 * np.eye(3)
         self._walking_speed_m_s = walking_speed_m_s
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the initial state."""
-        self._last: HeadObservation | None = None
-
-    def update(self, observation: HeadObservation) -> None:
-        """Update with one observation; see `predictors.predictor.Predictor.update`."""
-        check_newer(observation, None if self._last is None else self._last.capture_time_s)
-        self._last = observation
+        super().__init__()
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
-        if self._last is None:
-            raise NotReadyError("no observation yet")
-        times = as_times(times_s)
-        ahead_s = times - self._last.capture_time_s
+        last, times = self._newest(), as_times(times_s)
+        ahead_s = times - last.capture_time_s
         walked_m2 = (self._walking_speed_m_s * ahead_s) ** 2
         return Forecast(
             times_s=times,
-            means_base_m=np.tile(self._last.head_position_base_m, (times.size, 1)),
-            covariances_m2=noise_m2(self._last, self._R) + walked_m2[:, None, None] * np.eye(3),
-            issued_at_s=self._last.capture_time_s,
+            means_base_m=np.tile(last.head_position_base_m, (times.size, 1)),
+            covariances_m2=noise_m2(last, self._R) + walked_m2[:, None, None] * np.eye(3),
+            issued_at_s=last.capture_time_s,
         )
 
 
-class Perfect:
+class Perfect(_Latest):
     """Forecast of the true positions, with zero covariance.
 
     Args:
@@ -60,25 +70,14 @@ class Perfect:
 
     def __init__(self, true_position_base_m: Callable[[FloatArray], FloatArray]) -> None:
         self._true_position_base_m = true_position_base_m
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the initial state, before the first observation."""
-        self._issued_at_s: float | None = None
-
-    def update(self, observation: HeadObservation) -> None:
-        """Register an observation; see `predictors.predictor.Predictor.update`."""
-        check_newer(observation, self._issued_at_s)
-        self._issued_at_s = observation.capture_time_s
+        super().__init__()
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Return the true positions; see `predictors.predictor.Predictor.forecast`."""
-        if self._issued_at_s is None:
-            raise NotReadyError("no observation yet")
-        times = as_times(times_s)
+        last, times = self._newest(), as_times(times_s)
         return Forecast(
             times_s=times,
             means_base_m=self._true_position_base_m(times),
             covariances_m2=np.zeros((times.size, 3, 3)),
-            issued_at_s=self._issued_at_s,
+            issued_at_s=last.capture_time_s,
         )

@@ -13,10 +13,11 @@ from predictors.predictor import as_times
 from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
 
 _INITIAL_SPEED_SD_M_S = 1.0
-# Flat indices into a 6x6 matrix: diagonals of the position, position-velocity and velocity blocks.
-_POSITION, _VELOCITY = np.array([0, 7, 14]), np.array([21, 28, 35])
-_POSITION_BY_VELOCITY, _VELOCITY_BY_POSITION = np.array([3, 10, 17]), np.array([18, 25, 32])
 _EYE3, _EYE6 = np.eye(3), np.eye(6)
+# Identities in the blocks of a 6x6 matrix: sums of these are several times as fast as a Kronecker product.
+_POSITION, _VELOCITY = np.diag([1.0] * 3 + [0.0] * 3), np.diag([0.0] * 3 + [1.0] * 3)
+_POSITION_BY_VELOCITY = np.eye(6, k=3)
+_CROSS = _POSITION_BY_VELOCITY + _POSITION_BY_VELOCITY.T
 
 
 def transition(dt_s: float) -> FloatArray:
@@ -28,9 +29,7 @@ def transition(dt_s: float) -> FloatArray:
     Returns:
         F, shape (6, 6).
     """
-    F = _EYE6.copy()
-    F.put(_POSITION_BY_VELOCITY, dt_s)
-    return F
+    return _EYE6 + dt_s * _POSITION_BY_VELOCITY
 
 
 def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
@@ -43,13 +42,7 @@ def process_noise(dt_s: float, acceleration_psd: float) -> FloatArray:
     Returns:
         Q, shape (6, 6). Bar-Shalom, Li & Kirubarajan (2001), eq. 6.2.2-12.
     """
-    # Filled in place: several times as fast as a Kronecker product, at every frame.
-    Q = np.zeros((6, 6))
-    Q.put(_POSITION, acceleration_psd * (dt_s**3 / 3.0))
-    Q.put(_POSITION_BY_VELOCITY, acceleration_psd * (dt_s**2 / 2.0))
-    Q.put(_VELOCITY_BY_POSITION, acceleration_psd * (dt_s**2 / 2.0))
-    Q.put(_VELOCITY, acceleration_psd * dt_s)
-    return Q
+    return acceleration_psd * (dt_s**3 / 3.0 * _POSITION + dt_s**2 / 2.0 * _CROSS + dt_s * _VELOCITY)
 
 
 class ConstantVelocity(GatedFilter):

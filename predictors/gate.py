@@ -40,96 +40,6 @@ _RESTART_AFTER_S, _RESTART_OTHER_ID_S, _CANDIDATE_FRAMES = 0.75, 1.5, 2
 _ROUNDING_S = 1e-6
 
 
-class Gate:
-    """Gate at the 99.9 % level of the Mahalanobis distance, with a candidate track for detections outside it.
-
-    The gate's covariance is the sum of the filter's innovation covariance, the sample covariance of recent innovations,
-    and manoeuvre noise since the last accepted frame. Rejected detections within walking distance of each other form a
-    candidate track; a detection nearer to the candidate than to the track is rejected, too. The candidate replaces the
-    track after 0.75 s of rejections, after 1.5 s if it has another identity, and sooner if the track is younger.
-
-    Attributes:
-        rejections_in_a_row: Number of consecutive rejected observations.
-        candidate: Rejected observations of the candidate track, oldest first.
-    """
-
-    def __init__(self) -> None:
-        self.rejections_in_a_row = 0
-        self._began_s = self._accepted_s = self._refused_s = -math.inf
-        self._person_id: str | None = None
-        self._measured_m2 = np.zeros((3, 3))
-        self._judged_s = -math.inf
-        self.candidate: tuple[HeadObservation, ...] = ()
-
-    @property
-    def lost(self) -> bool:
-        """Whether the candidate should replace the track."""
-        if len(self.candidate) < _CANDIDATE_FRAMES:
-            return False
-        newest = self.candidate[-1]
-        age_s = self._accepted_s - self._began_s
-        wait_s = _RESTART_OTHER_ID_S if self._has_other_identity(newest) else min(_RESTART_AFTER_S, age_s)
-        return newest.capture_time_s - self._refused_s >= wait_s - _ROUNDING_S
-
-    def begin(self, observation: HeadObservation) -> None:
-        """Begin a track; the measured innovation covariance is kept.
-
-        Args:
-            observation: The first observation.
-        """
-        self._person_id = None
-        self._began_s = observation.capture_time_s
-        self._accept(observation)
-
-    def accepts(self, observation: HeadObservation, expected_m: FloatArray, spread_m2: FloatArray) -> bool:
-        """Gate an observation of an existing track.
-
-        Args:
-            observation: The observation, newer than all before it.
-            expected_m: Position that the filter predicts for it, shape (3,), metres, base frame.
-            spread_m2: Innovation covariance of the filter, shape (3, 3), square metres.
-
-        Returns:
-            Whether the observation is accepted.
-        """
-        innovation_m = observation.head_position_base_m - expected_m
-        # No manoeuvre noise for another identity: within a person's reach it is more probably another person.
-        since_s = 0.0 if self._has_other_identity(observation) else observation.capture_time_s - self._accepted_s
-        near = is_near(innovation_m, spread_m2 + self._measured_m2, since_s)
-        of_candidate = bool(self.candidate) and _associated(self.candidate[-1], observation)
-        if near and of_candidate:
-            near = _distance_m(self.candidate[-1], observation) > math.hypot(*innovation_m.tolist())
-        if not (of_candidate and len(self.candidate) >= _CANDIDATE_FRAMES):
-            # From the third detection on the candidate is a person: its innovations are no tracker errors.
-            self._update_covariance(innovation_m, spread_m2, observation.capture_time_s)
-        if near:
-            self._accept(observation)
-        else:
-            if not self.rejections_in_a_row:
-                self._refused_s = observation.capture_time_s
-            self.rejections_in_a_row += 1
-            self.candidate = (*self.candidate, observation) if of_candidate else (observation,)
-        return near
-
-    def _accept(self, observation: HeadObservation) -> None:
-        self.rejections_in_a_row = 0
-        self.candidate = ()
-        self._accepted_s = self._judged_s = observation.capture_time_s
-        # Position takes precedence: trackers change the identity of a person.
-        self._person_id = observation.person_id or self._person_id
-
-    def _has_other_identity(self, observation: HeadObservation) -> bool:
-        return None not in (self._person_id, observation.person_id) and observation.person_id != self._person_id
-
-    def _update_covariance(self, innovation_m: FloatArray, spread_m2: FloatArray, time_s: float) -> None:
-        gain = min((time_s - self._judged_s) / _INNOVATION_TIME_S, _LARGEST_GAIN)
-        self._judged_s = time_s
-        known_m2 = spread_m2 + self._measured_m2
-        weight = (_T_DEGREES + 3.0) / (_T_DEGREES + mahalanobis2(innovation_m, known_m2))
-        if math.isfinite(weight):
-            self._measured_m2 += gain * (weight * (innovation_m[:, None] * innovation_m) - self._measured_m2)
-
-
 def is_near(innovation_m: FloatArray, spread_m2: FloatArray, since_s: float) -> bool:
     """Whether a detection is inside the gate.
 
@@ -156,25 +66,26 @@ def allowance_m(since_s: AnyTime) -> AnyTime:
     return 0.5 * _MANOEUVRE_SD_M_S2 * (since_s + _FILTER_LAG_S) ** 2
 
 
-def _distance_m(one: HeadObservation, other: HeadObservation) -> float:
-    return math.dist(one.head_position_base_m, other.head_position_base_m)
-
-
-def _associated(one: HeadObservation, other: HeadObservation) -> bool:
-    since_s = other.capture_time_s - one.capture_time_s
-    return _distance_m(one, other) <= _CANDIDATE_ERROR_M + _CANDIDATE_SPEED_M_S * since_s
-
-
 class GatedFilter(ABC):
-    """Kalman filter of the head's position with a `Gate`; a subclass provides the motion model.
+    """Kalman filter of the head's position with a gate; a subclass provides the motion model.
 
-    Observations outside the gate are rejected; a candidate of rejected ones restarts the track after 0.75 s. Over a gap
-    the state is extrapolated and its covariance grows. A stated covariance of the position is the measurement
-    covariance.
+    The gate is at the 99.9 % level of the Mahalanobis distance. Its covariance is the sum of the filter's innovation
+    covariance, the sample covariance of recent innovations, and manoeuvre noise since the last accepted frame. Rejected
+    detections within walking distance of each other form a candidate track; a detection nearer to the candidate than to
+    the track is rejected, too. The candidate replaces the track after 0.75 s of rejections, after 1.5 s if it has
+    another identity, and sooner if the track is younger; the measured innovation covariance is kept.
+
+    Over a gap the state is extrapolated and its covariance grows. A stated covariance of the position is that of the
+    measurement.
 
     Args:
         position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
         gated: False to accept every observation, as a plain Kalman filter.
+
+    Attributes:
+        started_at_s: Capture time of the track's first observation; None before it.
+        accepted: Observations accepted by the last update: empty after a rejection; the whole candidate after a
+            restart.
     """
 
     def __init__(self, position_noise_m: float, gated: bool = True) -> None:
@@ -185,25 +96,21 @@ class GatedFilter(ABC):
 
     def reset(self) -> None:
         """Return to the initial state."""
-        self._time_s = self._issued_at_s = -math.inf
-        self._started_at_s: float | None = None
-        self._accepted: tuple[HeadObservation, ...] = ()
-        self._gate = Gate()
-
-    @property
-    def started_at_s(self) -> float | None:
-        """Capture time of the track's first observation; None before it."""
-        return self._started_at_s
-
-    @property
-    def accepted(self) -> tuple[HeadObservation, ...]:
-        """Observations accepted by the last update: empty after a rejection; the whole candidate after a restart."""
-        return self._accepted
+        # Times of the state, of the newest accepted observation, of the first of the rejections in a row, and of the
+        # last update of the measured innovation covariance.
+        self._time_s = self._issued_at_s = self._refused_s = self._judged_s = -math.inf
+        self.started_at_s: float | None = None
+        self.accepted: tuple[HeadObservation, ...] = ()
+        self._rejections = 0
+        # Rejected observations of the candidate track, oldest first.
+        self._candidate: tuple[HeadObservation, ...] = ()
+        self._person_id: str | None = None
+        self._measured_m2 = np.zeros((3, 3))
 
     @property
     def rejections_in_a_row(self) -> int:
         """Number of consecutive rejected observations."""
-        return self._gate.rejections_in_a_row
+        return self._rejections
 
     def update(self, observation: HeadObservation) -> None:
         """Update with one observation; see `predictors.predictor.Predictor.update`."""
@@ -220,34 +127,81 @@ class GatedFilter(ABC):
         Raises:
             OutOfOrderError: If it is not newer than the last observation.
         """
-        check_newer(observation, None if self._started_at_s is None else self._time_s)
+        check_newer(observation, None if self.started_at_s is None else self._time_s)
         R = noise_m2(observation, unstated_m2) + extra_m2
-        if self._started_at_s is None:
+        if self.started_at_s is None:
             self._start(observation, R)
             return
         expected_m, covariance_m2 = self._predict(observation.capture_time_s - self._time_s)
         self._time_s = observation.capture_time_s
-        if not self._gated or self._gate.accepts(observation, expected_m, covariance_m2 + R):
+        if not self._gated or self._passes(observation, expected_m, covariance_m2 + R):
             self._correct(observation.head_position_base_m, R)
-            self._issued_at_s = observation.capture_time_s
-            self._accepted = (observation,)
+            self._accept(observation)
             return
-        self._accepted = ()
-        if self._gate.lost:
-            candidate = self._gate.candidate
+        self.accepted = ()
+        if self._lost(self.started_at_s):
+            candidate = self._candidate
             self._start(candidate[0], noise_m2(candidate[0], unstated_m2) + extra_m2)
             for other in candidate[1:]:
                 self.update_with(other, unstated_m2, extra_m2)
-            self._accepted = candidate
+            self.accepted = candidate
 
     def _start(self, observation: HeadObservation, R: FloatArray) -> None:
         self._begin(observation.head_position_base_m, R)
-        self._time_s = self._issued_at_s = self._started_at_s = observation.capture_time_s
-        self._accepted = (observation,)
-        self._gate.begin(observation)
+        self._time_s = self.started_at_s = observation.capture_time_s
+        self._person_id = None
+        self._accept(observation)
+
+    def _accept(self, observation: HeadObservation) -> None:
+        self._issued_at_s = self._judged_s = observation.capture_time_s
+        self.accepted, self._candidate, self._rejections = (observation,), (), 0
+        # Position takes precedence: trackers change the identity of a person.
+        self._person_id = observation.person_id or self._person_id
+
+    def _passes(self, observation: HeadObservation, expected_m: FloatArray, spread_m2: FloatArray) -> bool:
+        """Gate an observation, given the position that the filter predicts for it, and its innovation covariance."""
+        innovation_m = observation.head_position_base_m - expected_m
+        # No manoeuvre noise for another identity: within a person's reach it is more probably another person.
+        since_s = 0.0 if self._has_other_identity(observation) else observation.capture_time_s - self._issued_at_s
+        near = is_near(innovation_m, spread_m2 + self._measured_m2, since_s)
+        of_candidate = False
+        for other in self._candidate[-1:]:
+            apart_m = math.dist(other.head_position_base_m, observation.head_position_base_m)
+            apart_s = observation.capture_time_s - other.capture_time_s
+            of_candidate = apart_m <= _CANDIDATE_ERROR_M + _CANDIDATE_SPEED_M_S * apart_s
+            near = near and not (of_candidate and apart_m <= math.hypot(*innovation_m.tolist()))
+        if not (of_candidate and len(self._candidate) >= _CANDIDATE_FRAMES):
+            # From the third detection on the candidate is a person: its innovations are no tracker errors.
+            self._update_covariance(innovation_m, spread_m2, observation.capture_time_s)
+        if not near:
+            if not self._rejections:
+                self._refused_s = observation.capture_time_s
+            self._rejections += 1
+            self._candidate = (*self._candidate, observation) if of_candidate else (observation,)
+        return near
+
+    def _lost(self, started_at_s: float) -> bool:
+        """Whether the candidate should replace the track."""
+        newest = self._candidate[-1]
+        wait_s = min(_RESTART_AFTER_S, self._issued_at_s - started_at_s)
+        if self._has_other_identity(newest):
+            wait_s = _RESTART_OTHER_ID_S
+        lasted_s = newest.capture_time_s - self._refused_s
+        return len(self._candidate) >= _CANDIDATE_FRAMES and lasted_s >= wait_s - _ROUNDING_S
+
+    def _has_other_identity(self, observation: HeadObservation) -> bool:
+        return None not in (self._person_id, observation.person_id) and observation.person_id != self._person_id
+
+    def _update_covariance(self, innovation_m: FloatArray, spread_m2: FloatArray, time_s: float) -> None:
+        gain = min((time_s - self._judged_s) / _INNOVATION_TIME_S, _LARGEST_GAIN)
+        self._judged_s = time_s
+        known_m2 = spread_m2 + self._measured_m2
+        weight = (_T_DEGREES + 3.0) / (_T_DEGREES + mahalanobis2(innovation_m, known_m2))
+        if math.isfinite(weight):
+            self._measured_m2 += gain * (weight * (innovation_m[:, None] * innovation_m) - self._measured_m2)
 
     def _check_started(self) -> None:
-        if self._started_at_s is None:
+        if self.started_at_s is None:
             raise NotReadyError("no observation yet")
 
     @abstractmethod

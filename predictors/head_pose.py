@@ -73,7 +73,11 @@ class HeadPose(Refinement):
         """
         if not self._yaw_count or self._position.state()[0] - self._yaw_time_s > _YAW_VALID_FOR_S:
             return None
-        return wrap_rad(self._yaw_rad - self._offset_rad())
+        offset_rad = 0.0
+        if self._offset_removed:
+            known_s = self._yaw_time_s - self._yaw_since_s
+            offset_rad = self._yaw_sum_rad / self._yaw_count * known_s / (known_s + _OFFSET_PRIOR_S)
+        return wrap_rad(self._yaw_rad - offset_rad)
 
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
@@ -102,13 +106,6 @@ class HeadPose(Refinement):
         if float(np.hypot(*velocity_m_s)) < _TRAVELS_FROM_M_S:
             return None
         return float(np.arctan2(velocity_m_s[1], velocity_m_s[0]))
-
-    def _offset_rad(self) -> float:
-        if not self._offset_removed:
-            return 0.0
-        mean_rad = self._yaw_sum_rad / self._yaw_count
-        known_s = self._yaw_time_s - self._yaw_since_s
-        return mean_rad * known_s / (known_s + _OFFSET_PRIOR_S)
 
     def _variance_rad2(self, observation: HeadObservation) -> float:
         half = self._yaw_variance_rad2 / 2.0

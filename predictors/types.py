@@ -15,21 +15,17 @@ _UNIT_QUATERNION_TOLERANCE = 1e-3
 _SYMMETRY_TOLERANCE = 1e-5
 
 
-def _vector(name: str, value: object, size: int) -> FloatArray:
+def _array(name: str, value: object, *shape: int) -> FloatArray:
     array = np.array(value, dtype=np.float64)  # a copy: the caller may reuse its buffer
-    if array.shape != (size,):
-        raise ValueError(f"{name} has shape {array.shape}, expected ({size},)")
-    if not all(map(math.isfinite, array.tolist())):
-        raise ValueError(f"{name} is not finite: {array}")
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    if not all(map(math.isfinite, array.ravel().tolist())):
+        raise ValueError(f"{name} is not finite: {array.tolist()}")
     return array
 
 
 def _covariance(name: str, value: object) -> FloatArray:
-    array = np.array(value, dtype=np.float64)
-    if array.shape != (3, 3):
-        raise ValueError(f"{name} has shape {array.shape}, expected (3, 3)")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} is not finite: {array.tolist()}")
+    array = _array(name, value, 3, 3)
     if np.abs(array - array.T).max() > _SYMMETRY_TOLERANCE * np.abs(array).max():
         raise ValueError(f"{name} is not symmetric: {array.tolist()}")
     array = 0.5 * (array + array.T)
@@ -90,13 +86,13 @@ class HeadObservation:
     def __post_init__(self) -> None:
         if not math.isfinite(self.capture_time_s):
             raise ValueError(f"capture_time_s is not finite: {self.capture_time_s}")
-        position = _vector("head_position_base_m", self.head_position_base_m, 3)
+        position = _array("head_position_base_m", self.head_position_base_m, 3)
         object.__setattr__(self, "head_position_base_m", position)
         for name in ("head_quat_wxyz", "pelvis_quat_wxyz"):
             value = getattr(self, name)
             if value is None:
                 continue
-            quat = _vector(name, value, 4)
+            quat = _array(name, value, 4)
             if abs(math.hypot(*quat.tolist()) - 1.0) > _UNIT_QUATERNION_TOLERANCE:
                 raise ValueError(f"{name} is not of unit length: {quat}")
             object.__setattr__(self, name, quat)
@@ -144,6 +140,5 @@ class Forecast:
             if not isinstance(value, np.ndarray):
                 value = np.asarray(value, dtype=np.float64)
                 object.__setattr__(self, name, value)
-            found = value.shape
-            if found != shape:
-                raise ValueError(f"{name} of a forecast for {count} times has shape {found}, expected {shape}")
+            if value.shape != shape:
+                raise ValueError(f"{name} of a forecast for {count} times has shape {value.shape}, expected {shape}")

@@ -183,8 +183,7 @@ class Plan:
         Returns:
             The command's motion.
         """
-        position_rad, velocity_rad_s, acceleration_rad_s2 = zip(*self.motions_at(time_s), strict=True)
-        return CommandState(np.array(position_rad), np.array(velocity_rad_s), np.array(acceleration_rad_s2))
+        return CommandState(*np.array(self.motions_at(time_s)).T.copy())
 
     def motions_at(self, time_s: float) -> tuple[AxisMotion, ...]:
         """`at` as tuples of floats, which are faster than arrays at every tick.

@@ -54,10 +54,9 @@ class LookAhead:
         self.neck = neck
         knots = round(_PLAN_S / neck.control_period_s) + 1
         self._knots_s: FloatArray = neck.control_period_s * np.arange(knots, dtype=np.float64)
-        time_constant_s = smoothing_time_s
         if neck.eyes is not None:
-            time_constant_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
-        self._keep = math.exp(-neck.control_period_s / time_constant_s) if time_constant_s > 0 else 0.0
+            smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
+        self._keep = math.exp(-neck.control_period_s / smoothing_time_s) if smoothing_time_s > 0 else 0.0
         # The zero-order hold adds a mean delay of half a servo period.
         ahead_s = (neck.dead_time_s + neck.servo_lag_s)[:2] + 0.5 * neck.servo_period_s
         # Ramp-tracking lag of the discrete low-pass: slightly less than its time constant.

@@ -11,7 +11,7 @@ from gazempc.loop.boundary import boundary
 from gazempc.loop.events import Event
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import RECORDED_HORIZONS_S, forecast_of, why_not_usable
-from gazempc.people.attention import Attended, Attention, AttentionState
+from gazempc.people.attention import Attention, AttentionState
 from gazempc.people.people import Became, People, frames_of, middle_of
 from gazempc.people.person import CATCH_UP, TrackedPerson
 from gazempc.people.tracker_faults import FrozenPeople
@@ -69,12 +69,11 @@ class AttendedPeople:
     def state(self) -> AttentionState:
         """The attended person, and the reason."""
         attended, track = self.attention.attended, self._attended()
-        decided = math.isfinite(attended.since_s)
         return AttentionState(
             person=attended.number,
             person_id=None if track is None else track.tracker_id,
             why=attended.why,
-            since_s=attended.since_s if decided else None,
+            since_s=attended.since_s if math.isfinite(attended.since_s) else None,
             stays_until_s=None if attended.number is None else attended.since_s + self.attention.dwell_s,
         )
 
@@ -135,7 +134,12 @@ class AttendedPeople:
             elif track is not None and self._guarded(track, sighting, time_s, recorder):
                 recorder.refuse(Event.TRACKER_FROZEN, time_s)
             elif track is not None and is_attended:
-                self._take_attended(track, sighting.observation, update_ms, time_s, recorder)
+                seen = self.newest = sighting.observation
+                self.newest_capture_s = seen.capture_time_s
+                forecast = self.forecast(seen.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
+                if track.refused:
+                    recorder.refuse(Event.GATE_REFUSED, time_s)
+                recorder.observation(time_s, seen, forecast, update_ms, used=not track.refused)
             else:
                 recorder.refused(Event.ANOTHER_PERSON)
 
@@ -149,35 +153,23 @@ class AttendedPeople:
             track.begin_anew()
         return frozen
 
-    def _take_attended(
-        self, track: TrackedPerson, seen: HeadObservation, update_ms: float, time_s: float, recorder: LoopRecorder
-    ) -> None:
-        self.newest, self.newest_capture_s = seen, seen.capture_time_s
-        forecast = self.forecast(seen.capture_time_s + RECORDED_HORIZONS_S, time_s, recorder)
-        if track.refused:
-            recorder.refuse(Event.GATE_REFUSED, time_s)
-        recorder.observation(time_s, seen, forecast, update_ms, used=not track.refused)
-
     def _decide(self, time_s: float, recorder: LoopRecorder) -> None:
         before = self.attention.attended
         with boundary(self.attention.policy, "scores", partial(recorder.event, time_s, Event.POLICY_FAILED)):
             self.attention.update(self.people.present(time_s), time_s)
         now = self.attention.attended
         if now is not before:
-            self._switched(now, time_s, recorder)
+            recorder.attended(time_s, now.number or 0, now.why)
+            track = self._attended()
+            if track is not None:
+                recorder.event(time_s, Event.ATTENTION_SWITCHED)
+                self.newest_capture_s = track.seen_s
+            elif now.number is None:
+                recorder.event(time_s, Event.NOBODY_ATTENDED)
         soon = None if self.attention.candidate is None else self.people.track(self.attention.candidate)
         if soon is not None:
             with boundary(self.predictor, "update", partial(recorder.event, time_s, Event.FORECAST_FAILED)):
                 soon.catch_up(CATCH_UP)
-
-    def _switched(self, now: Attended, time_s: float, recorder: LoopRecorder) -> None:
-        recorder.attended(time_s, now.number or 0, now.why)
-        track = self._attended()
-        if track is not None:
-            recorder.event(time_s, Event.ATTENTION_SWITCHED)
-            self.newest_capture_s = track.seen_s
-        elif now.number is None:
-            recorder.event(time_s, Event.NOBODY_ATTENDED)
 
     def _attended(self) -> TrackedPerson | None:
         number = self.attention.attended.number

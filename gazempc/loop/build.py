@@ -74,8 +74,6 @@ def make_predictor(
     if choice == "perfect" and future is None:
         raise SettingsError("predictor perfect: the true future is unknown in a live run")
     given: dict[str, Any] = {"true_position_base_m": future, "person": person.name}
-    if is_own(choice):
-        return check_predictor(make(PREDICTOR, choice, given, options_for(PREDICTOR, choice, options)))
     if choice == "walker":
         model, threshold = walker_model(settings.walker.fitted, person.name), settings.walker.threshold
         if threshold is not None:
@@ -85,8 +83,8 @@ def make_predictor(
         given["position_noise_m"] = settings.constant_velocity.position_noise_m
     elif hasattr(settings, choice):
         given |= getattr(settings, choice).model_dump()
-    predictor: Predictor = make(PREDICTOR, choice, given, {})
-    return predictor
+    predictor: Predictor = make(PREDICTOR, choice, given, options_for(PREDICTOR, choice, options))
+    return check_predictor(predictor) if is_own(choice) else predictor
 
 
 def make_controller(
@@ -112,18 +110,13 @@ def make_controller(
             return check_controller(choice, neck)
         choice.reset()
         return choice
-    if is_own(choice):
-        return check_controller(
-            make(CONTROLLER, choice, {"neck": neck}, options_for(CONTROLLER, choice, options)), neck
-        )
-    values = getattr(settings, choice).model_dump() if hasattr(settings, choice) else {}
-    for kind in ("terms", "rows"):
-        if kind in values:
-            values[kind] = _by_joint(values[kind])
+    given: dict[str, Any] = {"neck": neck}
+    if hasattr(settings, choice):
+        given |= getattr(settings, choice).model_dump()
     if choice == "mpc":
-        values["framing"] = settings.framing
-    controller: Controller = make(CONTROLLER, choice, {"neck": neck, **values}, {})
-    return controller
+        given |= {"framing": settings.framing} | {kind: _by_joint(given[kind]) for kind in ("terms", "rows")}
+    controller: Controller = make(CONTROLLER, choice, given, options_for(CONTROLLER, choice, options))
+    return check_controller(controller, neck) if is_own(choice) else controller
 
 
 def _by_joint(choices: tuple[str, ...]) -> dict[str, list[Callable[..., Any]]]:

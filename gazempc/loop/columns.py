@@ -1,83 +1,58 @@
-"""Column store for rows appended one at a time: packed in blocks, to bound the time of each append."""
+"""Rows of numbers appended one at a time, in an array that grows in amortised constant time, and its columns."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Generic, TypeVar
+import math
+from array import array
+from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gazempc.types import FloatArray, JointState
 
-Row = TypeVar("Row")
-Arrays = tuple[NDArray[Any], ...]
-# Rows a block: packing takes a tenth of a tick. Packing or freeing the rows of minutes at once takes twenty ticks.
-_PIECE = 128
-_EMPTY = np.empty(0)
 
-
-class PackedRows(Generic[Row]):
-    """A table that grows by rows.
+def columns(rows: array[float], *shapes: tuple[int, ...]) -> list[FloatArray]:
+    """Columns of a table.
 
     Args:
-        pack: Converts rows to arrays, one a column, with rows along the first axis.
+        rows: The rows, one after the other.
+        shapes: Shape of a row's part in each column, such as () for a number.
+
+    Returns:
+        One contiguous array a column, with rows along the first axis.
     """
-
-    def __init__(self, pack: Callable[[list[Row]], Arrays]) -> None:
-        self._pack = pack
-        self._pieces: list[Arrays] = []
-        self._rows: list[Row] = []
-
-    def __len__(self) -> int:
-        return _PIECE * len(self._pieces) + len(self._rows)
-
-    def append(self, row: Row) -> None:
-        """Add a row."""
-        self._rows.append(row)
-        if len(self._rows) == _PIECE:
-            self._pieces.append(self._pack(self._rows))
-            self._rows = []
-
-    def arrays(self) -> Arrays:
-        """All rows as columns."""
-        last = [self._pack(self._rows)] if self._rows or not self._pieces else []
-        return tuple(np.concatenate(parts) for parts in zip(*self._pieces, *last, strict=True))
+    sizes = [math.prod(shape) for shape in shapes]
+    parts = np.split(np.array(rows).reshape(-1, sum(sizes)), np.cumsum(sizes)[:-1], axis=1)
+    return [np.ascontiguousarray(part).reshape(-1, *shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
-class JointColumns(PackedRows[JointState | None]):
-    """Joint readings: times, shape (M,), positions and velocities, shape (M, N); NaN for missing ones.
+def reading(state: JointState | None, joints: int) -> Iterable[float]:
+    """A reading of N joints as a row: time, N positions, N velocities; NaN for a missing one."""
+    if state is None:
+        return (math.nan,) * (1 + 2 * joints)
+    return state.time_s, *state.position_rad.tolist(), *state.velocity_rad_s.tolist()
+
+
+class JointColumns:
+    """Joint readings, one row each.
 
     Args:
         joints: N, the number of joints.
-        states: The first rows.
+        states: The first rows; None for missing readings.
     """
 
     def __init__(self, joints: int, states: Iterable[JointState | None] = ()) -> None:
-        super().__init__(lambda rows: pack_states(rows, joints))
+        self._joints, self._rows = joints, array("d")
         for state in states:
             self.append(state)
 
+    def __len__(self) -> int:
+        return len(self._rows) // (1 + 2 * self._joints)
 
-def pack_states(states: Sequence[JointState | None], joints: int) -> Arrays:
-    """Readings as arrays.
+    def append(self, state: JointState | None) -> None:
+        """Add a row."""
+        self._rows.extend(reading(state, self._joints))
 
-    Args:
-        states: The readings; None for missing ones.
-        joints: N, the number of joints.
-
-    Returns:
-        Times, shape (M,), positions and velocities, shape (M, N).
-    """
-    nowhere = np.full(joints, np.nan)
-    return (
-        np.array([np.nan if s is None else s.time_s for s in states]),
-        pack_rows([nowhere if s is None else s.position_rad for s in states], joints),
-        pack_rows([nowhere if s is None else s.velocity_rad_s for s in states], joints),
-    )
-
-
-def pack_rows(rows: Sequence[FloatArray], columns: int) -> FloatArray:
-    """Arrays of one length as rows, shape (M, columns)."""
-    # Concatenation takes a fifth of the time of an array of arrays.
-    return np.concatenate([_EMPTY, *rows]).reshape(-1, columns)
+    def arrays(self) -> list[FloatArray]:
+        """Times, shape (M,), positions and velocities, shape (M, N); NaN for missing readings."""
+        return columns(self._rows, (), (self._joints,), (self._joints,))

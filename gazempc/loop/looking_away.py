@@ -59,7 +59,7 @@ class LookingAway(AroundTarget):
             self._take_cue(cue, time_s)
         before = self.several and self.several.attention.attended
         self._target.assimilate(sightings, time_s, recorder)
-        if self.several is not None and self.several.attention.attended is not before:
+        if self.several and self.several.attention.attended is not before:
             self._look_aways.begin_anew(time_s)
 
     def _take_cue(self, cue: Cue, time_s: float) -> None:

@@ -86,10 +86,8 @@ class JointObserver:
     @property
     def off_command(self) -> tuple[int, ...]:
         """Joints whose offset has reached the largest plausible one, ascending."""
-        pairs = zip(self._offset_rad, self._takes_speed, strict=True)
-        return tuple(
-            [k for k, (off, takes_speed) in enumerate(pairs) if not (takes_speed or abs(off) < _OFFSET_MAX_RAD)]
-        )
+        far = [abs(off) >= _OFFSET_MAX_RAD for off in self._offset_rad]
+        return tuple([k for k, takes_speed in enumerate(self._takes_speed) if far[k] and not takes_speed])
 
     @property
     def estimate(self) -> JointEstimate:

@@ -24,16 +24,20 @@ class Answer:
     Attributes:
         due_index: Tick at which the plan's first command is to be sent.
         plan: The plan; None after a failure.
-        event: Name of the event of a failure; else empty.
-        error: The exception that caused the event, if any.
+        error: The failure; None for a plan.
         plan_ms: Computing time of forecast and plan, milliseconds.
     """
 
     due_index: int
     plan: Plan | None
-    event: str
-    error: Exception | None
+    error: PartError | None
     plan_ms: float
+
+    @property
+    def event(self) -> str:
+        """Name of the event of a failure."""
+        failure = self.error and self.error.error
+        return failure.event if isinstance(failure, ControllerError) else Event.CONTROLLER_FAILED
 
 
 class ImmediatePlanner:
@@ -156,17 +160,10 @@ Planner = ImmediatePlanner | BackgroundPlanner
 
 def _ask(controller: Controller, due_index: int, situate: Situate) -> list[Answer]:
     started = time.perf_counter()
-
-    def answer(plan: Plan | None, event: str = "", error: Exception | None = None) -> list[Answer]:
-        return [Answer(due_index, plan, event, error, 1e3 * (time.perf_counter() - started))]
-
     situation = situate()
     if situation is None:
         return []
-    try:
-        with boundary(controller, "plan"):
-            plan = checked_plan(controller.plan(situation), situation.joint_position_rad.size)
-    except PartError as failed:
-        event = failed.error.event if isinstance(failed.error, ControllerError) else Event.CONTROLLER_FAILED
-        return answer(None, event, failed)
-    return answer(plan)
+    plan, failures = None, list[PartError]()
+    with boundary(controller, "plan", failures.append):
+        plan = checked_plan(controller.plan(situation), situation.joint_position_rad.size)
+    return [Answer(due_index, plan, next(iter(failures), None), 1e3 * (time.perf_counter() - started))]

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
 from gazempc.controllers.controller import CommandState, Plan, Situation
-from gazempc.loop.boundary import PartError, boundary, checked_times
+from gazempc.loop.boundary import boundary, checked_times
 from gazempc.loop.events import Event
 from gazempc.loop.observer import JointEstimate
-from gazempc.loop.planner import Answer, Planner
+from gazempc.loop.planner import Planner
 from gazempc.loop.recorder import LaterRecorder, LoopRecorder
 from gazempc.loop.sender import Sender
 from gazempc.loop.smoother import Smoother
@@ -115,13 +116,10 @@ class Planning:
             if time_s - newest_s > self._settings.lost_after_s:
                 return None
             controller = self._planner.controller
-            try:
-                with boundary(controller, "forecast_times_s"):
-                    times_s = checked_times(controller.forecast_times_s(start_s, newest_s), start_s)
-            except PartError as error:
-                self._notes.event(time_s, Event.CONTROLLER_FAILED, error)
-                return None
-            forecast = self._target.forecast(times_s, time_s, self._notes)
+            times_s = np.empty(0)
+            with boundary(controller, "forecast_times_s", partial(self._notes.event, time_s, Event.CONTROLLER_FAILED)):
+                times_s = checked_times(controller.forecast_times_s(start_s, newest_s), start_s)
+            forecast = self._target.forecast(times_s, time_s, self._notes) if times_s.size else None
             if forecast is None:
                 return None
             self._asked_capture_s = newest_s
@@ -159,22 +157,19 @@ class Planning:
         answers = self._planner.answers()
         self.hand_on(recorder)
         for answer in answers:
-            self._take(answer, index, time_s, recorder)
-
-    def _take(self, answer: Answer, index: int, time_s: float, recorder: LoopRecorder) -> None:
-        recorder.step(answer.plan_ms)
-        if answer.due_index <= self._refused_until:
-            return
-        if answer.plan is None:
-            recorder.event(time_s, answer.event, answer.error)
-            return
-        for event in answer.plan.events:
-            recorder.event(time_s, event)
-        for fault in answer.plan.faults:
-            recorder.event(time_s, fault.event, fault)
-        if answer.due_index < index:
-            recorder.event(time_s, Event.LATE_PLAN)
-        self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))
+            recorder.step(answer.plan_ms)
+            if answer.due_index <= self._refused_until:
+                continue
+            if answer.plan is None:
+                recorder.event(time_s, answer.event, answer.error)
+                continue
+            for event in answer.plan.events:
+                recorder.event(time_s, event)
+            for fault in answer.plan.faults:
+                recorder.event(time_s, fault.event, fault)
+            if answer.due_index < index:
+                recorder.event(time_s, Event.LATE_PLAN)
+            self._waiting.append((answer.due_index, answer.plan, self._asked_capture_s))
 
     def begin(self, index: int, time_s: float, recorder: LoopRecorder) -> None:
         """Put the plan whose first tick is due in force.

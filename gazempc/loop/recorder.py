@@ -9,13 +9,14 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 from functools import wraps
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from gazempc.controllers.controller import AxisMotion, Plan
 from gazempc.loop.boundary import PartError
-from gazempc.loop.columns import Arrays, JointColumns, PackedRows, pack_rows, pack_states
+from gazempc.loop.columns import JointColumns, columns, reading
 from gazempc.parts import error_line
 from gazempc.results.log import FORECAST_HORIZONS_S, ComputeTimes, Fault, Log, RunInfo
 from gazempc.results.moments import AttendedMoment, EventMoment, Moment, PlanMoment, SeenMoment, TickMoment
@@ -23,8 +24,6 @@ from gazempc.types import FloatArray, JointState
 from predictors import Forecast, HeadObservation
 
 _LOGGER = logging.getLogger("gazempc.loop")
-_Tick = tuple[float, JointState | None, FloatArray, tuple[AxisMotion, ...]]
-_Seen = tuple[float, HeadObservation, FloatArray, FloatArray, float]
 # Upper bound of the numbers in a log; a variance may be infinite.
 _MOST_M2 = 1e12
 _HORIZONS = len(FORECAST_HORIZONS_S)
@@ -42,27 +41,21 @@ class LoopRecorder:
 
     Attributes:
         used: Number of observations that the predictor used.
+        ticks: Number of ticks recorded.
     """
 
     def __init__(self, control_period_s: float, watch: Callable[[Moment], None] | None = None) -> None:
         self._control_period_s = control_period_s
         self._watch = watch
-        self._ticks = PackedRows(_pack_ticks)
-        self._seen = PackedRows(_pack_seen)
+        self._ticks, self._seen, self._seen_ids = array("d"), array("d"), list[str]()
         self._events: list[tuple[float, str]] = []
         self._attended: list[tuple[float, int, str]] = []
         self._away: list[tuple[float, float, str]] = []
         self._event_last_s: dict[str, float] = {}
-        self._faults: dict[str, Fault] = {}
-        self._tracebacks: dict[str, traceback.TracebackException] = {}
-        self.used = 0
+        self._faults: dict[str, tuple[Fault, traceback.TracebackException]] = {}
+        self.used = self.ticks = 0
         self._refused: Counter[str] = Counter()
         self._update_ms, self._step_ms, self._latency_ms = array("d"), array("d"), array("d")
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks recorded."""
-        return len(self._ticks)
 
     @property
     def events(self) -> list[str]:
@@ -76,7 +69,7 @@ class LoopRecorder:
         Slow: the source lines of the tracebacks are read from files.
         """
         faults = list(self._faults.values())
-        return tuple(replace(each, traceback="".join(self._tracebacks[each.event].format())) for each in faults)
+        return tuple(replace(fault, traceback="".join(trace.format())) for fault, trace in faults)
 
     @property
     def refusals(self) -> dict[str, int]:
@@ -87,7 +80,9 @@ class LoopRecorder:
         self, time_s: float, state: JointState | None, sent_rad: FloatArray, motions: tuple[AxisMotion, ...]
     ) -> None:
         """Record one servo tick: measured joints (None if missing), the input sent, the command's motions."""
-        self._ticks.append((time_s, state, sent_rad, motions))
+        self.ticks += 1
+        joints = reading(state, len(motions))
+        self._ticks.extend((time_s, *joints, *sent_rad.tolist(), *chain.from_iterable(motions)))
         if self._watch is not None:
             self._watch(TickMoment(time_s, state, sent_rad, motions))
 
@@ -113,12 +108,13 @@ class LoopRecorder:
         if forecast is not None:
             covariances_m2 = np.clip(forecast.covariances_m2, -_MOST_M2, _MOST_M2)
             stated = forecast.means_base_m, covariances_m2, forecast.degrees_of_freedom
-        self._seen.append((time_s, observation, *stated))
+        captured_s, head_m = observation.capture_time_s, observation.head_position_base_m
+        whom = observation.person_id or ""
+        self._seen.extend(np.concatenate([(time_s, captured_s), head_m, *(np.ravel(part) for part in stated)]).tolist())
+        self._seen_ids.append(whom)
         self._update_ms.append(update_ms)
         if self._watch is not None:
-            head_m, quat_wxyz = observation.head_position_base_m, observation.head_quat_wxyz
-            whom = observation.person_id or ""
-            self._watch(SeenMoment(time_s, observation.capture_time_s, head_m, quat_wxyz, whom, *stated))
+            self._watch(SeenMoment(time_s, captured_s, head_m, observation.head_quat_wxyz, whom, *stated))
 
     def step(self, step_ms: float) -> None:
         """Record the computing time of forecast and plan, milliseconds."""
@@ -193,20 +189,19 @@ class LoopRecorder:
             self._events.append((time_s, str(name)))
             if self._watch is not None:
                 known = self._faults.get(str(name))
-                self._watch(EventMoment(time_s, str(name), str(name) if known is None else known.line))
+                self._watch(EventMoment(time_s, str(name), str(name) if known is None else known[0].line))
         self._event_last_s[name] = time_s
 
     def _fault(self, name: str, error: BaseException) -> None:
-        known = self._faults.get(name)
-        if known is not None:
-            self._faults[name] = replace(known, count=known.count + 1)
+        if name in self._faults:
+            fault, trace = self._faults[name]
+            self._faults[name] = replace(fault, count=fault.count + 1), trace
             return
-        line = str(error) if isinstance(error, PartError) else error_line(error)
         # The traceback ends where the part raised.
-        cause = error.error if isinstance(error, PartError) else error
+        cause, line = (error.error, str(error)) if isinstance(error, PartError) else (error, error_line(error))
         # Source lines are read later: file access takes many ticks.
-        self._tracebacks[name] = traceback.TracebackException.from_exception(cause, lookup_lines=False)
-        self._faults[name] = Fault(name, 1, line, "")
+        trace = traceback.TracebackException.from_exception(cause, lookup_lines=False)
+        self._faults[name] = Fault(name, 1, line, ""), trace
         _LOGGER.warning("%s: %s", name, line, exc_info=cause)
 
     def finish(
@@ -225,32 +220,31 @@ class LoopRecorder:
         Returns:
             The log, and the compute times.
         """
-        time_s, joint_time_s, position_rad, velocity_rad_s, sent_rad, motions = self._ticks.arrays()
+        horizons, joints = np.array(FORECAST_HORIZONS_S), (run.neck.joints,)
+        time_s, *readings, sent_rad, motions = columns(self._ticks, (), (), joints, joints, joints, (*joints, 3))
         if true_joints is not None and len(true_joints):
-            joint_time_s, position_rad, velocity_rad_s = (each[: time_s.size] for each in true_joints.arrays())
-        arrivals, captures, heads, names, means, covariances, freedoms = self._seen.arrays()
-        joints, horizons = run.neck.joints, np.array(FORECAST_HORIZONS_S)
-        motions = motions.reshape(-1, joints, 3)
-        shape = (captures.size, horizons.size, 3)
+            readings = [each[: time_s.size] for each in true_joints.arrays()]
+        forecast = (_HORIZONS, 3), (_HORIZONS, 3, 3), ()
+        arrivals, captures, heads, means, covariances, freedoms = columns(self._seen, (), (), (3,), *forecast)
         ahead = captures[:, None] + horizons
         log = Log(
             run=run,
             time_s=time_s,
             head_true_base_m=true_head_base_m(time_s),
-            joint_time_s=joint_time_s,
-            joint_position_rad=position_rad.reshape(-1, joints),
-            joint_velocity_rad_s=velocity_rad_s.reshape(-1, joints),
-            command_position_rad=sent_rad.reshape(-1, joints),
+            joint_time_s=readings[0],
+            joint_position_rad=readings[1],
+            joint_velocity_rad_s=readings[2],
+            command_position_rad=sent_rad,
             command_velocity_rad_s=motions[:, :, 1].copy(),
             command_acceleration_rad_s2=motions[:, :, 2].copy(),
             capture_time_s=captures,
             arrival_time_s=arrivals,
-            head_observed_base_m=heads.reshape(-1, 3),
-            person_id=names,
-            forecast_mean_base_m=means.reshape(shape),
-            forecast_covariance_m2=covariances.reshape(*shape, 3),
+            head_observed_base_m=heads,
+            person_id=np.array(self._seen_ids, dtype=np.str_),
+            forecast_mean_base_m=means,
+            forecast_covariance_m2=covariances,
             forecast_degrees_of_freedom=freedoms,
-            forecast_true_base_m=true_head_base_m(ahead.ravel()).reshape(shape),
+            forecast_true_base_m=true_head_base_m(ahead.ravel()).reshape(means.shape),
             forecast_horizon_s=horizons,
             event_time_s=np.array([t for t, _ in self._events]),
             event_name=np.array([name for _, name in self._events], dtype=np.str_),
@@ -269,7 +263,7 @@ class LoopRecorder:
 def _later(record: Callable[..., None]) -> Callable[..., None]:
     @wraps(record)
     def note(self: LaterRecorder, *args: Any, **named: Any) -> None:
-        self.notes.append((record, args, named))
+        self.notes.append(lambda recorder: record(recorder, *args, **named))
 
     return note
 
@@ -279,7 +273,7 @@ class LaterRecorder(LoopRecorder):
 
     def __init__(self) -> None:
         super().__init__(0.0)
-        self.notes: deque[tuple[Callable[..., None], tuple[Any, ...], dict[str, Any]]] = deque()
+        self.notes: deque[Callable[[LoopRecorder], None]] = deque()
 
     event = _later(LoopRecorder.event)
     refuse = _later(LoopRecorder.refuse)
@@ -295,27 +289,4 @@ class LaterRecorder(LoopRecorder):
             recorder: Receives the records.
         """
         while self.notes:
-            record, args, named = self.notes.popleft()
-            record(recorder, *args, **named)
-
-
-def _pack_ticks(rows: list[_Tick]) -> Arrays:
-    joints = rows[0][2].size if rows else 1
-    return (
-        np.array([time_s for time_s, _, _, _ in rows]),
-        *pack_states([state for _, state, _, _ in rows], joints),
-        pack_rows([sent_rad for _, _, sent_rad, _ in rows], joints),
-        np.array([motions for _, _, _, motions in rows], dtype=np.float64).reshape(-1, 3 * joints),
-    )
-
-
-def _pack_seen(rows: list[_Seen]) -> Arrays:
-    return (
-        np.array([arrival_s for arrival_s, *_ in rows]),
-        np.array([seen.capture_time_s for _, seen, *_ in rows]),
-        pack_rows([seen.head_position_base_m for _, seen, *_ in rows], 3),
-        np.array([seen.person_id or "" for _, seen, *_ in rows], dtype=np.str_),
-        np.array([mean_m for *_, mean_m, _, _ in rows]),
-        np.array([covariance_m2 for *_, covariance_m2, _ in rows]),
-        np.array([freedom for *_, freedom in rows]),
-    )
+            self.notes.popleft()(recorder)

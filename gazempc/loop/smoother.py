@@ -40,13 +40,9 @@ class _AxisSmoother:
         # One input for each problem, as most of its values are constant: setting one takes as long as some solutions.
         self._to_follow, self._to_meet, self._to_rest = (ruckig.InputParameter(1) for _ in range(3))
         self._to_follow.minimum_duration = period_s
-        self._to_meet.target_position = [0.0]
-        self._to_meet.target_velocity = [0.0]
-        self._to_meet.target_acceleration = [0.0]
         self._to_rest.control_interface = ruckig.ControlInterface.Velocity
-        self._to_rest.target_velocity = [0.0]
-        self._to_rest.target_acceleration = [0.0]
         for request in (self._to_follow, self._to_meet, self._to_rest):
+            request.target_position = request.target_velocity = request.target_acceleration = [0.0]
             request.max_velocity = [self._v_max]
             request.max_acceleration = [self._a_max]
             request.max_jerk = [self._j_max]

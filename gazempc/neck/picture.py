@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from gazempc.errors import SettingsError
-from gazempc.neck.spec import AXES, Axis, NeckSpec
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.specfiles import Strict
 from gazempc.types import FloatArray
 
@@ -62,22 +62,12 @@ class FramedPicture:
     """A framing in angles; a share of the picture is converted to the same share of its field of view.
 
     Attributes:
+        framing: The framing.
         view_rad: Width and height, radians.
-        zone_rad: Half width and half height of the zone, radians.
-        above_rad: Angle of the head above the centre of the picture.
-        lead_rad: Maximum angle of a walker behind the centre (lead room).
-        hysteresis_per_s: Relative widening of the zone against reversals, per second of delay.
-        acceleration_max_rad_s2: Limit of each joint's acceleration.
-        jerk_max_rad_s3: Limit of its jerk.
     """
 
+    framing: Framing
     view_rad: tuple[float, float]
-    zone_rad: tuple[float, float]
-    above_rad: float
-    lead_rad: float
-    hysteresis_per_s: float
-    acceleration_max_rad_s2: float
-    jerk_max_rad_s3: float
 
     @staticmethod
     def of(framing: Framing, neck: NeckSpec) -> FramedPicture | None:
@@ -92,16 +82,12 @@ class FramedPicture:
         if view_deg is None:
             why = f"missing, and neck {neck.name!r} has no head_view_deg"
             raise SettingsError(f"framing.view_deg: {why}; accepted: angles of the picture, such as 60 34")
-        width, height = (math.radians(each) for each in view_deg)
-        return FramedPicture(
-            view_rad=(width, height),
-            zone_rad=(0.5 * framing.zone[0] * width, 0.5 * framing.zone[1] * height),
-            above_rad=(0.5 - framing.headroom) * height,
-            lead_rad=framing.lead_room * width,
-            hysteresis_per_s=framing.hysteresis_per_s,
-            acceleration_max_rad_s2=framing.acceleration_max * width,
-            jerk_max_rad_s3=framing.jerk_max * width,
-        )
+        return FramedPicture(framing, (math.radians(view_deg[0]), math.radians(view_deg[1])))
+
+    @property
+    def zone_rad(self) -> tuple[float, float]:
+        """Half width and half height of the zone, radians."""
+        return 0.5 * self.framing.zone[0] * self.view_rad[0], 0.5 * self.framing.zone[1] * self.view_rad[1]
 
     def aim_rad(self, head_rad: FloatArray, turning_rad_s: FloatArray | float) -> FloatArray:
         """Reference angles of the camera: below the head by the headroom, ahead of it by the lead room.
@@ -115,8 +101,8 @@ class FramedPicture:
         """
         share = np.tanh(np.asarray(turning_rad_s) / (_LEADS_FROM_PER_S * self.view_rad[0]))
         aim_rad = np.array(head_rad, dtype=np.float64)
-        aim_rad[..., 0] += self.lead_rad * share
-        aim_rad[..., 1] -= self.above_rad
+        aim_rad[..., 0] += self.framing.lead_room * self.view_rad[0] * share
+        aim_rad[..., 1] -= (0.5 - self.framing.headroom) * self.view_rad[1]
         return aim_rad
 
     def planned_zone_rad(self, axis: int, turning_rad_s: float) -> float:
@@ -140,7 +126,7 @@ class FramedPicture:
             Of the same shape, radians.
         """
         zone_rad, edge_rad = self.zone_rad[axis], 0.5 * self.view_rad[axis]
-        wider_rad = self.hysteresis_per_s * delay_s * zone_rad + _TURNS_BACK_SDS * deviation_rad
+        wider_rad = self.framing.hysteresis_per_s * delay_s * zone_rad + _TURNS_BACK_SDS * deviation_rad
         return np.minimum(wider_rad, edge_rad - zone_rad)
 
     def excursion_s(self, delay_s: float) -> float:
@@ -169,9 +155,8 @@ class FramedPicture:
     def calmed(self, neck: NeckSpec) -> NeckSpec:
         """The neck with pan and tilt within the framing's limits of acceleration and jerk."""
         axes = {}
-        for name in AXES:
-            axis: Axis = getattr(neck, name)
-            acceleration = min(axis.acceleration_max_rad_s2, self.acceleration_max_rad_s2)
-            jerk = min(axis.jerk_max_rad_s3, self.jerk_max_rad_s3)
+        for name, axis in zip(AXES, neck.axes, strict=False):
+            acceleration = min(axis.acceleration_max_rad_s2, self.framing.acceleration_max * self.view_rad[0])
+            jerk = min(axis.jerk_max_rad_s3, self.framing.jerk_max * self.view_rad[0])
             axes[name] = axis.model_copy(update={"acceleration_max_rad_s2": acceleration, "jerk_max_rad_s3": jerk})
         return neck.with_axes(axes)

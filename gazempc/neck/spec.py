@@ -199,8 +199,7 @@ class NeckSpec(Strict):
         joints = dict(zip(self.joint_names, self.axes, strict=True)) | axes
         update: dict[str, Any] = {name: joints[name] for name in AXES}
         if self.eyes is not None:
-            pair = {"pan": joints["eye_pan"].model_dump(), "tilt": joints["eye_tilt"].model_dump()}
-            update["eyes"] = self.eyes.model_dump() | pair
+            update["eyes"] = self.eyes.model_copy(update={"pan": joints["eye_pan"], "tilt": joints["eye_tilt"]})
         return self.model_copy(update=update | ({} if self.body is None else {"body": joints[BODY_AXIS]}))
 
     @property

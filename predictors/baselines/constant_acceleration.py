@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +10,6 @@ from numpy.typing import ArrayLike
 from predictors.gate import GatedFilter
 from predictors.predictor import as_times
 from predictors.types import FloatArray, Forecast, check_positive
-
-if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
 
 _INITIAL_SPEED_SD_M_S = 1.0
 _INITIAL_ACCELERATION_SD_M_S2 = 1.0
@@ -27,8 +24,8 @@ def transition(dt_s: FloatArray) -> FloatArray:
     Returns:
         F, shape (H, 9, 9).
     """
-    one, zero = np.ones_like(dt_s), np.zeros_like(dt_s)
-    return _on_each_axis([[one, dt_s, dt_s**2 / 2.0], [zero, one, dt_s], [zero, zero, one]])
+    t = dt_s[:, None, None]
+    return np.asarray(np.eye(9) + t * np.eye(9, k=3) + t**2 / 2.0 * np.eye(9, k=6))
 
 
 def process_noise(dt_s: FloatArray, jerk_psd: float) -> FloatArray:
@@ -42,21 +39,11 @@ def process_noise(dt_s: FloatArray, jerk_psd: float) -> FloatArray:
         Q, shape (H, 9, 9). Bar-Shalom, Li & Kirubarajan (2001), eq. 6.2.3-9.
     """
     t = dt_s
-    return jerk_psd * _on_each_axis(
-        [
-            [t**5 / 20.0, t**4 / 8.0, t**3 / 6.0],
-            [t**4 / 8.0, t**3 / 3.0, t**2 / 2.0],
-            [t**3 / 6.0, t**2 / 2.0, t],
-        ]
-    )
+    block = np.array([[t**5 / 20, t**4 / 8, t**3 / 6], [t**4 / 8, t**3 / 3, t**2 / 2], [t**3 / 6, t**2 / 2, t]])
+    return np.asarray(jerk_psd * np.einsum("ijh,kl->hikjl", block, np.eye(3)).reshape(-1, 9, 9))
 
 
-def _on_each_axis(blocks: list[list[FloatArray]]) -> FloatArray:
-    block = np.moveaxis(np.array(blocks), -1, 0)
-    return np.asarray(np.einsum("hij,kl->hikjl", block, np.eye(3)).reshape(-1, 9, 9))
-
-
-def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[float, ...]) -> KalmanFilter:
+def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[float, ...]) -> Any:
     """Kalman filter of position and derivatives, initialised at a position.
 
     Args:
@@ -65,7 +52,7 @@ def start_filter(position_m: FloatArray, R: FloatArray, derivative_sds: tuple[fl
         derivative_sds: Prior standard deviation of each derivative on each axis, m/s, m/s^2, ...
 
     Returns:
-        The filter; the means of the derivatives are zero.
+        The filter, a `filterpy.kalman.KalmanFilter`; the means of the derivatives are zero.
     """
     from filterpy.kalman import KalmanFilter  # noqa: PLC0415
 

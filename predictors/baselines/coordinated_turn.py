@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +12,6 @@ from predictors.gate import is_near
 from predictors.geometry import wrap_rad, yaw_rad
 from predictors.predictor import noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation, check_positive
-
-if TYPE_CHECKING:
-    from filterpy.kalman import ExtendedKalmanFilter
 
 YawCues = Literal["none", "pelvis", "both"]
 _CUES_USED: dict[YawCues, int] = {"none": 0, "pelvis": 1, "both": 2}  # of pelvis, head
@@ -120,8 +117,6 @@ class CoordinatedTurn(Refinement):
         position_noise_m: Standard deviation of a position measurement on each axis, metres, if none is stated.
     """
 
-    _walks: bool
-
     def __init__(
         self,
         yaw_cues: YawCues = "none",
@@ -141,6 +136,14 @@ class CoordinatedTurn(Refinement):
         self._R = position_noise_m**2 * np.eye(3)
         super().__init__(ConstantVelocity(position_noise_m=position_noise_m))
 
+    def _reset_estimates(self) -> None:
+        from filterpy.kalman import ExtendedKalmanFilter  # noqa: PLC0415
+
+        self._filter = ExtendedKalmanFilter(dim_x=7, dim_z=1)
+        self._filter.x, self._filter.P = np.zeros(7), np.diag([0.0] * 5 + list(_OFFSET_SD_RAD**2))
+        self._walks = False
+        self._time_s = -np.inf
+
     def _refine(self, observation: HeadObservation) -> None:
         _, x, _ = self._position.state()
         speed_m_s = float(np.hypot(x[3], x[4]))
@@ -153,7 +156,7 @@ class CoordinatedTurn(Refinement):
     def forecast(self, times_s: ArrayLike) -> Forecast:
         """Forecast the head position; see `predictors.predictor.Predictor.forecast`."""
         steady = self._position.forecast(times_s)
-        if self._filter is None or not self._walks:
+        if not self._walks:
             return steady
         x, P = self._predict(steady.times_s - self._time_s)
         means, covariances = steady.means_base_m.copy(), steady.covariances_m2.copy()
@@ -161,13 +164,7 @@ class CoordinatedTurn(Refinement):
         covariances[:, :2, :2] = P[:, :2, :2]
         return Forecast(steady.times_s, means, covariances, steady.issued_at_s)
 
-    def _reset_estimates(self) -> None:
-        self._filter: ExtendedKalmanFilter | None = None
-        self._walks = False
-        self._time_s = -np.inf
-
     def _predict(self, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        assert self._filter is not None
         x, F = transition(self._filter.x, dt_s, self._turn_time_s)
         # Integral over the noise's time of entry, each contribution propagated to the end, by quadrature.
         forward = np.maximum(dt_s, 0.0)[:, None]
@@ -180,28 +177,22 @@ class CoordinatedTurn(Refinement):
 
     def _begin(self) -> None:
         """Initialise position, speed and heading from the constant-velocity filter, the turn rate from its prior."""
-        from filterpy.kalman import ExtendedKalmanFilter  # noqa: PLC0415
-
         _, steady, spread = self._position.state()
         speed, heading = np.hypot(steady[3], steady[4]), np.arctan2(steady[4], steady[3])
         c, s = np.cos(heading), np.sin(heading)
         to_polar = np.zeros((4, 6))
         to_polar[0, 0] = to_polar[1, 1] = 1.0
         to_polar[2:, 3:5] = [[c, s], [-s / speed, c / speed]]
-        ekf = ExtendedKalmanFilter(dim_x=7, dim_z=1)
-        ekf.x, ekf.P = np.zeros(7), np.diag([0.0] * 5 + list(_OFFSET_SD_RAD**2))
-        if self._filter is not None:  # the offsets are constants of the person: kept over a stop
-            ekf.x[5:], ekf.P[5:, 5:] = self._filter.x[5:], self._filter.P[5:, 5:]
-        ekf.x[:4] = [steady[0], steady[1], speed, heading]
-        ekf.P[:4, :4] = to_polar @ spread @ to_polar.T
-        ekf.P[_TURN_RATE, _TURN_RATE] = INITIAL_TURN_RATE_SD_RAD_S**2
-        self._filter = ekf
-        self._walks = True
+        # The offsets are constants of the person: kept over a stop.
+        self._filter.x = np.array([steady[0], steady[1], speed, heading, 0.0, *self._filter.x[5:]])
+        P = np.zeros((7, 7))
+        P[:4, :4], P[5:, 5:] = to_polar @ spread @ to_polar.T, self._filter.P[5:, 5:]
+        P[_TURN_RATE, _TURN_RATE] = INITIAL_TURN_RATE_SD_RAD_S**2
+        self._filter.P, self._walks = P, True
 
     def _correct(self, observation: HeadObservation) -> bool:
         """Update the state; False if it has to be initialised again: innovation outside the gate, or too slow."""
         ekf = self._filter
-        assert ekf is not None
         since_s = observation.capture_time_s - self._time_s
         x, P = self._predict(np.array([since_s]))
         ekf.x, ekf.P = x[0], P[0]
@@ -224,12 +215,7 @@ class CoordinatedTurn(Refinement):
                 np.array([off_rad]),
                 lambda _, H=H: H,
                 lambda _: np.zeros(1),
-                R=_yaw_variance_rad2(_YAW_SD_RAD[i], stated_rad[i]) * np.eye(1),
+                R=np.eye(1)
+                * (_YAW_SD_RAD[i] ** 2 - _SENSOR_YAW_SD_RAD**2 + (stated_rad[i] or _SENSOR_YAW_SD_RAD) ** 2),
             )
         return bool(ekf.x[_SPEED] >= _STANDS_BELOW_M_S)
-
-
-def _yaw_variance_rad2(usual_sd_rad: float, stated_sd_rad: float | None) -> float:
-    if stated_sd_rad is None:
-        return usual_sd_rad**2
-    return usual_sd_rad**2 - _SENSOR_YAW_SD_RAD**2 + stated_sd_rad**2

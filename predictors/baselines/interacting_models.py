@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,9 +10,6 @@ from predictors.constant_velocity import process_noise
 from predictors.gate import GatedFilter
 from predictors.predictor import as_times
 from predictors.types import FloatArray, Forecast, check_positive
-
-if TYPE_CHECKING:
-    from filterpy.kalman import IMMEstimator
 
 _INITIAL_SPEED_SD_M_S = 1.0
 _INITIAL_PROBABILITIES = np.array([0.9, 0.05, 0.05])  # straight, left, right
@@ -117,7 +112,7 @@ class InteractingModels(GatedFilter):
 
         filters = [start_filter(position_m, R, (_INITIAL_SPEED_SD_M_S,)) for _ in self._rates_rad_s]
         start = mode_transition(0.0, self._mode_time_s)
-        self._imm: IMMEstimator = IMMEstimator(filters, _INITIAL_PROBABILITIES, start)
+        self._imm = IMMEstimator(filters, _INITIAL_PROBABILITIES, start)
 
     def _predict(self, dt_s: float) -> tuple[FloatArray, FloatArray]:
         imm = self._imm

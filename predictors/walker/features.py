@@ -181,8 +181,9 @@ class WalkerHistory:
         x[_MEMORIES], places_m = self._memories.inputs(line, path[-1])
         np.minimum(np.maximum(x, -_LARGEST, out=x), _LARGEST, out=x)
         newest = relative[-1].tolist()
-        spread = np.empty(N_SPREAD)
-        spread[: N_SPREAD - N_ERRORS - N_COLOURS] = (
+        # The stated covariance enters the forecast's covariance separately, with its principal axes.
+        stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2
+        of_track = (
             1.0,
             *(known[i] * walks * min(abs(wrap_rad(newest[i] - offsets[i])), 1.0) for i in range(2)),
             min(abs(float(positions[-1, 1])), _LARGEST),
@@ -195,17 +196,13 @@ class WalkerHistory:
             frames,
             float(stated),
         )
-        # The stated covariance enters the forecast's covariance separately, with its principal axes.
-        stated_m2 = noise.diagonal() if stated else _NOTHING_STATED_M2
-        spread[-N_ERRORS - N_COLOURS : -N_COLOURS] = self._errors.learn(path[-1], line, stated_m2)
-        spread[-N_COLOURS:] = without_stated(colours, stated_m2) if stated else colours
+        errors = self._errors.learn(path[-1], line, stated_m2)
+        spread = np.concatenate([of_track, errors, without_stated(colours, stated_m2)])
         on_foot = 1.0 - _ramp(speed, _WALKS_BELOW_M_S, _RUNS_ABOVE_M_S) if speed > _NO_DIRECTION_M_S else 0.0
         line_m_s = np.array([speed, 0.0, float(state[5])])
         stated_sd_m, stated_base_m2 = (np.array(sd_m), covariance_m2) if stated else (np.zeros(3), np.zeros((3, 3)))
         precise = self._precision(noise_m2, 1.0 if stated else measured_share)
-        return WalkerInputs(
-            line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, np.array(places_m), precise
-        )
+        return WalkerInputs(line, on_foot, x, spread, stated_sd_m, stated_base_m2, line_m_s, places_m, precise)
 
     def _precision(self, noise_m2: list[float], share: float) -> float:
         measured_m2 = ((m2 - (1.0 - share) * PRIOR_M**2) / max(share, _ROUNDING_M2) for m2 in noise_m2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from operator import itemgetter
 
 from predictors.geometry import rotation_about_vertical
 from predictors.types import FloatArray
@@ -47,8 +48,7 @@ class LineErrors:
     """
 
     def __init__(self) -> None:
-        self._lines: list[list[float]] = []  # origin and velocity of each
-        self._times_s: list[float] = []
+        self._lines: list[tuple[float, ...]] = []  # time, origin and velocity of each
         self._ratio2 = [1.0] * N_ERRORS
         self._known_s = [0.0] * len(_HORIZONS_S)
 
@@ -63,17 +63,17 @@ class LineErrors:
         Returns:
             Logarithms of the RMS errors relative to typical and stated error, N_ERRORS values.
         """
-        lines, times_s = self._lines, self._times_s
-        dt_s = min(line.time_s - times_s[-1], _LATE_S) if lines else 0.0
+        lines = self._lines
+        dt_s = min(line.time_s - lines[-1][0], _LATE_S) if lines else 0.0
         x, y, z = position_m.tolist()
         c, s = math.cos(line.heading_rad), math.sin(line.heading_rad)
         stated = stated_m2.tolist()
         for i, horizon_s in enumerate(_HORIZONS_S):
-            until = bisect_right(times_s, line.time_s - horizon_s + _EARLY_S)
-            if not until or line.time_s - times_s[until - 1] > horizon_s + _LATE_S:
+            until = bisect_right(lines, line.time_s - horizon_s + _EARLY_S, key=itemgetter(0))
+            if not until or line.time_s - lines[until - 1][0] > horizon_s + _LATE_S:
                 continue
-            ahead_s = line.time_s - times_s[until - 1]
-            old_x, old_y, old_z, velocity_x, velocity_y, velocity_z = lines[until - 1]
+            then_s, old_x, old_y, old_z, velocity_x, velocity_y, velocity_z = lines[until - 1]
+            ahead_s = line.time_s - then_s
             off_x, off_y = x - old_x - ahead_s * velocity_x, y - old_y - ahead_s * velocity_y
             off = (c * off_x + s * off_y, c * off_y - s * off_x, z - old_z - ahead_s * velocity_z)
             gain = dt_s / (dt_s + min(self._known_s[i] + _PRIOR_S, _MEMORY_S))
@@ -81,7 +81,7 @@ class LineErrors:
                 ratio2 = min(off[k] * off[k] / (_USUAL_M[i][k] ** 2 + stated[k]), _LARGEST_RATIO2)
                 self._ratio2[3 * i + k] += gain * (ratio2 - self._ratio2[3 * i + k])
             self._known_s[i] += dt_s
-        expired = bisect_left(times_s, line.time_s - _HORIZONS_S[-1] - _LATE_S)
-        newest = [*line.origin_base_m.tolist(), *line.velocity_base_m_s.tolist()]
-        self._lines, self._times_s = [*lines[expired:], newest], [*times_s[expired:], line.time_s]
+        expired = bisect_left(lines, line.time_s - _HORIZONS_S[-1] - _LATE_S, key=itemgetter(0))
+        newest = line.time_s, *line.origin_base_m.tolist(), *line.velocity_base_m_s.tolist()
+        self._lines = [*lines[expired:], newest]
         return [0.5 * math.log(ratio2 + _SMALLEST_RATIO2) for ratio2 in self._ratio2]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from predictors.types import FloatArray
 from predictors.walker.line import Line
 
@@ -39,7 +41,8 @@ class Memories:
         self._began_s = 0.0
         # Variance of position, covariance of position and velocity, variance of velocity of each filter.
         self._spread = [(sd_m * sd_m, 0.0, _SPEED_VARIANCE_M2_S2) for _, sd_m in _FILTERS]
-        self._states = [[0.0] * 6 for _ in _FILTERS]
+        # Position and velocity of each filter on each axis.
+        self._states = [[(0.0, 0.0)] * 3 for _ in _FILTERS]
         # x, y, z, and mean squared horizontal distance from the mean.
         self._means = [[0.0] * 4 for _ in _MEANS_S]
 
@@ -53,7 +56,7 @@ class Memories:
         position = position_m.tolist()
         if self._time_s is None:
             self._time_s = self._began_s = time_s
-            self._states = [[*position, 0.0, 0.0, 0.0] for _ in _FILTERS]
+            self._states = [[(at, 0.0) for at in position] for _ in _FILTERS]
             self._means = [[*position, 0.0] for _ in _MEANS_S]
             return
         dt = time_s - self._time_s
@@ -62,32 +65,23 @@ class Memories:
         for mean, memory_s in zip(self._means, _MEANS_S, strict=True):
             gain = dt / (min(time_s - self._began_s, memory_s) + dt)
             off_x, off_y, off_z = (at - own for at, own in zip(position, mean, strict=False))
-            mean[0] += gain * off_x
-            mean[1] += gain * off_y
-            mean[2] += gain * off_z
-            mean[3] += gain * ((1.0 - gain) * (off_x * off_x + off_y * off_y) - mean[3])
+            square_m2 = (1.0 - gain) * (off_x * off_x + off_y * off_y)
+            for k, off in enumerate((off_x, off_y, off_z, square_m2 - mean[3])):
+                mean[k] += gain * off
 
     def _filter(self, dt: float, position: list[float]) -> None:
         frames = _USUAL_HZ * min(max(dt, _SHORTEST_S), _LONGEST_S)
         for k, (psd, sd_m) in enumerate(_FILTERS):
-            x, y, z, u, v, w = self._states[k]
             old_pp, old_pv, old_vv = self._spread[k]
             pp = old_pp + dt * (2.0 * old_pv + dt * old_vv) + psd * dt**3 / 3.0
             pv = old_pv + dt * old_vv + psd * dt * dt / 2.0
             innovation = pp + sd_m * sd_m / frames
             gain, rate = pp / innovation, pv / innovation
-            off_x, off_y, off_z = position[0] - x - dt * u, position[1] - y - dt * v, position[2] - z - dt * w
-            self._states[k] = [
-                x + dt * u + gain * off_x,
-                y + dt * v + gain * off_y,
-                z + dt * w + gain * off_z,
-                u + rate * off_x,
-                v + rate * off_y,
-                w + rate * off_z,
-            ]
+            moved = [(at - p - dt * v, p + dt * v, v) for at, (p, v) in zip(position, self._states[k], strict=True)]
+            self._states[k] = [(p + gain * off, v + rate * off) for off, p, v in moved]
             self._spread[k] = (1.0 - gain) * pp, (1.0 - gain) * pv, old_vv + psd * dt - rate * pv
 
-    def inputs(self, line: Line, newest_m: FloatArray) -> tuple[list[float], list[list[float]]]:
+    def inputs(self, line: Line, newest_m: FloatArray) -> tuple[list[float], FloatArray]:
         """Filters and means relative to the newest line.
 
         Args:
@@ -97,7 +91,7 @@ class Memories:
         Returns:
             Inputs of the networks, N_MEMORIES numbers of order one: positions and velocities of the filters relative to
             the line, along, across and up; the means; logarithms of the RMS sway. And the N_PLACES candidate places of
-            staying relative to the line's origin, along, across and up, metres.
+            staying relative to the line's origin, along, across and up, shape (N_PLACES, 3), metres.
         """
         c, s = math.cos(line.heading_rad), math.sin(line.heading_rad)
         at_x, at_y, at_z = line.origin_base_m.tolist()
@@ -109,7 +103,7 @@ class Memories:
         newest_x, newest_y, newest_z = newest_m.tolist()
         places = [rotated(newest_x - at_x, newest_y - at_y, newest_z - at_z)]
         features: list[float] = []
-        for x, y, z, u, v, w in self._states:
+        for (x, u), (y, v), (z, w) in self._states:
             places.append(rotated(x - at_x, y - at_y, z - at_z))
             features += [part / _POSITION_SCALE_M for part in places[-1]]
             features += [part / _VELOCITY_SCALE_M_S for part in rotated(u - velocity_x, v - velocity_y, w - velocity_z)]
@@ -117,4 +111,4 @@ class Memories:
             places.append(rotated(x - at_x, y - at_y, z - at_z))
             features += [part / _MEAN_SCALE_M for part in places[-1]]
         features += [math.log(max(math.sqrt(max(m2, 0.0)), _LEAST_SWAY_M) / _SWAY_SCALE_M) for *_, m2 in self._means]
-        return features, places
+        return features, np.array(places)

@@ -56,11 +56,6 @@ class RegimeMotion:
     line_m_s: FloatArray
     places_m: FloatArray
 
-    @property
-    def walked_m(self) -> FloatArray:
-        """Displacement along the lines at the knots, shape (N, knots, 3), metres."""
-        return KNOTS_S[:, None] * self.line_m_s[:, None, :]
-
 
 @dataclass(frozen=True)
 class Regimes:
@@ -81,8 +76,7 @@ class Regimes:
     @property
     def evidence(self) -> FloatArray:
         """Mean logit of the ensemble, shape (N,)."""
-        evidence: FloatArray = np.add.reduce(self.logit, axis=0) / len(self.logit)
-        return evidence
+        return np.asarray(np.add.reduce(self.logit, axis=0) / len(self.logit))
 
     @staticmethod
     def mean(parts: list[tuple[Regimes, FloatArray]]) -> Regimes:
@@ -175,7 +169,7 @@ def staying(places: Any, motion: RegimeMotion, xp: Any = np) -> Any:
     newest_m = motion.places_m[:, 0]
     back_m = xp.einsum("...np,npi->...ni", share, motion.places_m) - newest_m
     stays_m = newest_m[:, None, :] + _RETURNED[:, None] * back_m[..., None, :]
-    return stays_m - motion.walked_m
+    return stays_m - KNOTS_S[:, None] * motion.line_m_s[:, None, :]
 
 
 @dataclass(frozen=True)

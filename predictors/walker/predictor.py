@@ -115,12 +115,11 @@ class Walker:
             return
         motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
         self._regimes = self._model.regimes(inputs.network[None], motion, np.array([inputs.precise]))
-        evidence = self._regimes.evidence
-        if self._evidence is None or last_s is None:
-            self._evidence = evidence
-        else:
+        before, evidence = self._evidence, self._regimes.evidence
+        if before is not None and last_s is not None:
             gain = -math.expm1((last_s - inputs.line.time_s) / _EVIDENCE_S)
-            self._evidence = self._evidence + gain * (evidence - self._evidence)
+            evidence = before + gain * (evidence - before)
+        self._evidence = evidence
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the networks, for a fit.
@@ -161,19 +160,11 @@ class Walker:
         means += inputs.line.origin_base_m
         means += departure
         covariances = (spread**2 @ self._squares).reshape(-1, 3, 3)
-        if inputs.on_foot < 1.0:
-            means, covariances = self._blend(inputs.on_foot, times, means, covariances)
+        share = inputs.on_foot
+        if share < 1.0:  # mean and covariance of the mixture of both forecasts
+            filtered = self._position.forecast(times)
+            apart = means - filtered.means_base_m
+            means = filtered.means_base_m + share * apart
+            covariances = share * covariances + (1.0 - share) * filtered.covariances_m2
+            covariances += share * (1.0 - share) * apart[:, :, None] * apart[:, None, :]
         return Forecast(times, means, covariances, inputs.line.time_s, self._model.degrees_of_freedom)
-
-    def _blend(
-        self, on_foot: float, times_s: FloatArray, means: FloatArray, covariances: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of the mixture of both forecasts."""
-        other = self._position.forecast(times_s)
-        apart = means - other.means_base_m
-        return (
-            other.means_base_m + on_foot * apart,
-            on_foot * covariances
-            + (1.0 - on_foot) * other.covariances_m2
-            + on_foot * (1.0 - on_foot) * apart[:, :, None] * apart[:, None, :],
-        )

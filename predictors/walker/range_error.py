@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, insort
 from collections import deque
 from operator import mul
+from statistics import median_high
 
 import numpy as np
 
@@ -39,7 +39,6 @@ class MeasuredRange:
         # Time, range and direction of each frame.
         self._frames: deque[tuple[float, float, list[float]]] = deque(maxlen=3 * _LAGS[-1] + 1)
         self._recent_m = [deque([_PRIOR_M] * _PRIOR_FRAMES, maxlen=_MEMORY_FRAMES) for _ in _LAGS]
-        self._sorted_m = [list(recent) for recent in self._recent_m]
 
     def learn(self, observation: HeadObservation) -> None:
         """Update with a detection, before gating.
@@ -51,7 +50,7 @@ class MeasuredRange:
         range_m = math.hypot(*position_m)
         direction = [part / max(range_m, _NEAREST_M) for part in position_m]
         self._frames.append((observation.capture_time_s, range_m, direction))
-        for lag, recent, ordered in zip(_LAGS, self._recent_m, self._sorted_m, strict=True):
+        for lag, recent in zip(_LAGS, self._recent_m, strict=True):
             if len(self._frames) <= 3 * lag:
                 return
             frames = [self._frames[row] for row in range(-1 - 3 * lag, 0, lag)]
@@ -62,16 +61,12 @@ class MeasuredRange:
             off_m = abs(sum(weight * each_m for weight, (_, each_m, _) in zip(weights, frames, strict=True))) / norm
             turned = (sum(map(mul, weights, parts)) for parts in zip(*(each for *_, each in frames), strict=True))
             beside_m = range_m * math.hypot(*turned) / norm
-            if beside_m > max(_BESIDE_M, _BESIDE_SHARE * off_m):
-                continue
-            if len(recent) == _MEMORY_FRAMES:
-                del ordered[bisect_left(ordered, recent[0])]
-            recent.append(off_m)
-            insort(ordered, off_m)
+            if beside_m <= max(_BESIDE_M, _BESIDE_SHARE * off_m):
+                recent.append(off_m)
 
     def variance_m2(self) -> float:
         """Variance of the range beyond that of usual trackers, square metres; 0 for those."""
-        white_m2, slow_m2 = (_sd_m(ordered) ** 2 for ordered in self._sorted_m)
+        white_m2, slow_m2 = ((_SD_OF_MEDIAN * median_high(recent)) ** 2 for recent in self._recent_m)
         drift_m2 = max(slow_m2 - max(white_m2, _USUAL_M2), 0.0)
         return max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
 
@@ -86,7 +81,3 @@ class MeasuredRange:
         """
         range_m2 = max(float(position_m @ position_m), _NEAREST_M**2)
         return np.asarray(self.variance_m2() / range_m2 * np.outer(position_m, position_m))
-
-
-def _sd_m(ordered_m: list[float]) -> float:
-    return _SD_OF_MEDIAN * ordered_m[len(ordered_m) // 2]

@@ -18,8 +18,6 @@ _FIRST_LAG_S = float(LAGS_S[0])
 _ROUNDING_S = 1e-6
 # Tolerance, in grid steps, when the track's length is rounded to whole nodes.
 _NEARLY = 0.03
-# Initial rows of the arrays: several windows at 30 frames a second.
-_ROWS = 256
 
 
 class TrackWindow:
@@ -32,14 +30,8 @@ class TrackWindow:
     """
 
     def __init__(self) -> None:
-        # Time, values and information of each frame; older frames are kept until the arrays are full.
-        self._arrays = np.empty(_ROWS), np.empty((_ROWS, 5)), np.empty((_ROWS, 9))
-        self._rows = slice(0, 0)
+        self.times_s, self.values, self._information = np.empty(0), np.empty((0, 5)), np.empty((0, 9))
         self.yaw_seen_s = [-np.inf, -np.inf]
-        self._update_views()
-
-    def _update_views(self) -> None:
-        self.times_s, self.values, self._information = [array[self._rows] for array in self._arrays]
 
     def add(self, observation: HeadObservation, covariance_m2: FloatArray) -> list[bool]:
         """Append an observation.
@@ -60,26 +52,12 @@ class TrackWindow:
                 self._interpolate_gap(3 + i, self.yaw_seen_s[i], yaws_rad[i], time_s)
                 self.yaw_seen_s[i] = time_s
                 fresh[i] = True
-        first = self._rows.start + int(self.times_s.searchsorted(time_s + _FIRST_LAG_S - _ROUNDING_S))
-        end = self._rows.stop
-        if end == len(self._arrays[0]):
-            first, end = self._reallocate(slice(first, end))
-        times_s, values, information = self._arrays
-        times_s[end] = time_s
-        values[end] = (*observation.head_position_base_m.tolist(), *yaws_rad)
-        information[end] = information_of(covariance_m2)
-        self._rows = slice(first, end + 1)
-        self._update_views()
+        first = int(self.times_s.searchsorted(time_s + _FIRST_LAG_S - _ROUNDING_S))
+        newest = [*observation.head_position_base_m.tolist(), *yaws_rad]
+        self.times_s = np.concatenate([self.times_s[first:], [time_s]])
+        self.values = np.concatenate([self.values[first:], [newest]])
+        self._information = np.concatenate([self._information[first:], [information_of(covariance_m2)]])
         return fresh
-
-    def _reallocate(self, rows: slice) -> tuple[int, int]:
-        # New arrays: views of the old ones may still be in use.
-        count = rows.stop - rows.start
-        arrays = [np.empty((max(_ROWS, 2 * count), *array.shape[1:])) for array in self._arrays]
-        for array, old in zip(arrays, self._arrays, strict=True):
-            array[:count] = old[rows]
-        self._arrays = arrays[0], arrays[1], arrays[2]
-        return 0, count
 
     def _interpolate_gap(self, column: int, seen_s: float, value: float, time_s: float) -> None:
         # Replaces the held yaw of a gap by linear interpolation once a new yaw is measured.

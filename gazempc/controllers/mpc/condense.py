@@ -147,7 +147,7 @@ def condensed(model: AxisModel, tuning: Tuning, bounded: bool, own: OwnParts = N
     n, neck, index = model.lengths.size, model.neck, model.index
     o = Trajectory(neck, index, tuple(model.lengths.astype(int).tolist()))
     own_rows = own.row_values(o)
-    rows = [limits(o, neck, index), *(row.values for row in own_rows), *([passing(o, tuning)] if bounded else [])]
+    rows = [limits(o, neck, index), *own_rows.values(), *([passing(o, tuning)] if bounded else [])]
     curvatures = 2.0 * COST_SCALE * array_of(o.w)[:, 0] if tuning.zone else np.empty(0)
     y = ca.vertcat(o.q, o.v, o.a, o.u, o.du, o.ddu, o.j, o.r)
     hessian, slope, _ = ca.quadratic_coeff(cost(o, tuning) + own.cost(o), y)
@@ -173,7 +173,8 @@ def condensed(model: AxisModel, tuning: Tuning, bounded: bool, own: OwnParts = N
         shared.setflags(write=False)
     h, a, cost_map, rows_map, gain = parts
     data = QpData(h=h, a=a, penalty=COST_SCALE * SLACK_PRICE_RAD2, curvatures=curvatures)
-    return Program(data, cost_map, rows_map, gain, tuple((row.label, row.values.shape[0]) for row in own_rows))
+    counts = tuple((label, values.shape[0]) for label, values in own_rows.items())
+    return Program(data, cost_map, rows_map, gain, counts)
 
 
 def _check_feasible(a: FloatArray, rows_map: FloatArray, own: OwnParts) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from gazempc.controllers.mpc.qp import iterations_within
 from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import angle_deviations_rad
 from gazempc.neck.picture import FramedPicture, Framing
-from gazempc.neck.spec import AXES, BODY_AXIS, EYE_AXES, NeckSpec
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.settings import MpcSettings
 from gazempc.types import FloatArray
 
@@ -158,28 +157,23 @@ class Mpc:
             # Mean rate over the plan: the rate of a single step is dominated by forecast noise.
             angles = self.picture.aim_rad(angles, self._mean_rate(angles[: self._times_s.size, 0]))
         references = {name: angles[self._forecasts_of[name], i] for i, name in enumerate(AXES)}
-        plans, body_rad = dict[str, JointPlan](), None
+        head, body_rad = list[JointPlan](), None
         if self._chain.body is not None:
             toward_rad = np.interp(self._knots_s, self._times_s, references["pan"])
             body_rad = self._chain.body.commands_rad(situation, toward_rad)
             references["pan"] -= self._chain.body.angles_rad(situation, body_rad, self._pan_ahead_s)
-            plans[BODY_AXIS] = self._sampled(body_rad)
         quick = self._chain.eyes_held(situation).tolist() if situation.held else [False] * len(AXES)
         events, faults = list[str](), list[ControllerError]()
         for i, name in enumerate(AXES):
             solution = self._solve(i, situation, references[name], quick[i])
-            plans[name] = self._followed(situation, i, solution)
+            head.append(self._followed(situation, i, solution))
             self._note(i, solution, events, faults)
-        if self._chain.eyes is not None:
-            others = [plans[name].position_rad[1:] for name in AXES] + ([] if body_rad is None else [body_rad])
-            eyes_rad = self._chain.eyes.commands_rad(situation, means_base_m[head_times:], np.stack(others, axis=-1))
-            plans |= {name: self._sampled(each_rad) for name, each_rad in zip(EYE_AXES, eyes_rad.T, strict=True)}
+        head_rad = np.stack([joint.position_rad[1:] for joint in head], axis=-1)
+        commands_rad = self._chain.with_eyes(situation, means_base_m[head_times:], head_rad, body_rad)
+        events += self._chain.events(commands_rad[0])
+        joints = [*head, *map(self._sampled, commands_rad.T[len(AXES) :])]
         start_s = situation.start_s - self.neck.servo_period_s
-        plan = Plan.of_joints(
-            start_s, self.neck.control_period_s, [plans[name] for name in self.neck.joint_names], tuple(events), faults
-        )
-        at_limit = self._chain.events(plan.position_rad[1])
-        return replace(plan, events=plan.events + at_limit) if at_limit else plan
+        return Plan.of_joints(start_s, self.neck.control_period_s, joints, tuple(events), faults)
 
     def _solve(self, axis: int, situation: Situation, reference_rad: FloatArray, quick: bool) -> Solution:
         # Python floats: NumPy scalars take several times as long.
@@ -231,9 +225,8 @@ class Mpc:
     def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
         # First knot: the last command before the plan.
         now = situation.command
-        before = now.position_rad, now.velocity_rad_s, now.acceleration_rad_s2
-        pairs = zip(before, solution.command, strict=True)
-        return JointPlan(*(np.append(each[axis], planned) for each, planned in pairs))
+        before = now.position_rad[axis], now.velocity_rad_s[axis], now.acceleration_rad_s2[axis]
+        return JointPlan(*np.column_stack((before, solution.command)))
 
     def _sampled(self, position_rad: FloatArray) -> JointPlan:
         # Eyes and body start by linear extrapolation. A start at the present command would add a

@@ -41,13 +41,6 @@ class Own(NamedTuple):
     make: Part
 
 
-class OwnRow(NamedTuple):
-    """The rows of one own part: its name, and a column of values, shape (m, 1)."""
-
-    label: str
-    values: Any
-
-
 @dataclass(frozen=True)
 class OwnParts:
     """The own parts of one joint."""
@@ -71,13 +64,13 @@ class OwnParts:
         """
         return sum((_checked_term(term, o) for term in self.terms), ca.SX(0))
 
-    def row_values(self, o: Trajectory) -> list[OwnRow]:
-        """The rows.
+    def row_values(self, o: Trajectory) -> dict[str, Any]:
+        """The rows of each part by its name: a column of values, shape (m, 1).
 
         Raises:
             SettingsError: If one is not linear in the symbols of o; the message names the part.
         """
-        return [OwnRow(row.label, _checked_row(row, o)) for row in self.rows]
+        return {row.label: _checked_row(row, o) for row in self.rows}
 
 
 NO_PARTS = OwnParts()
