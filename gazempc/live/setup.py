@@ -22,7 +22,7 @@ from gazempc.live.sources.camera.capture import CAMERA
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
-from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.live.sources.ros2 import Ros2Input, Ros2Person
 from gazempc.live.sources.ros2_cues import make_cue_source
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.source import Source
@@ -311,11 +311,12 @@ def _make_source(
 
 def _ros2_source(source: str, settings: MountedSettings, clock: Clock, stamps: StampReader) -> Source:
     """The source of ``ros2:TOPIC`` or ``ros4hri``."""
-    (kind, _, topic), ros2 = source.partition(":"), settings.options.ros2
+    kind, _, topic = source.partition(":")
+    given = Ros2Input(clock.now_s, stamps.now_loop_s, settings.options.ros2)
     if kind == "ros4hri":
-        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2)
+        return Ros4HriPeople(given)
     if kind == "ros2":
-        return Ros2Person(topic, clock.now_s, stamps.now_loop_s, ros2, settings.mount.axes != "flu")
+        return Ros2Person(topic, given, settings.mount.axes != "flu")
     raise SettingsError(f"source {source!r}: accepted: ros2:TOPIC, ros4hri")
 
 

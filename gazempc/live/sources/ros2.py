@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -35,32 +36,39 @@ _UNNAMED = "_NODE_NAME_UNKNOWN_"
 _DISCOVERY_S = 3.0
 
 
-class Ros2Source(ABC):
-    """Common part of the sources on ROS 2 topics.
+@dataclass(frozen=True)
+class Ros2Input:
+    """Clocks, options and node of a source on ROS 2 topics.
 
-    Args:
-        name: Name of the source in messages.
-        node_name: Name of this program in the graph of ROS 2.
+    Attributes:
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         options: Topics, types, frames and clock.
         make_node: Makes the node.
-        uses_tf: Whether it listens to the frames of tf.
     """
 
-    def __init__(
-        self,
-        name: str,
-        node_name: str,
-        clock_s: Callable[[], float],
-        to_loop_s: Callable[[float], float],
-        options: Ros2Options,
-        make_node: MakeNode,
-        uses_tf: bool,
-    ) -> None:
-        self._name, self._node_name, self._options, self._uses_tf = name, node_name, options, uses_tf
-        self._clock_s, self._unix_to_loop_s, self._make_node = clock_s, to_loop_s, make_node
+    clock_s: Callable[[], float]
+    to_loop_s: Callable[[float], float]
+    options: Ros2Options
+    make_node: MakeNode = Ros2Node
+
+
+class Ros2Source(ABC):
+    """Common part of the sources on ROS 2 topics.
+
+    Args:
+        given: Clocks, options and node.
+        name: Name of the source in messages.
+        node_name: Name of this program in the graph of ROS 2.
+        uses_tf: Whether it listens to the frames of tf; default: if the options name a base frame.
+    """
+
+    def __init__(self, given: Ros2Input, name: str, node_name: str, uses_tf: bool = False) -> None:
+        self._given, self._options, self._name, self._node_name = given, given.options, name, node_name
+        self._uses_tf = uses_tf or given.options.base_frame is not None
         self._node: Ros2Node | None = None
+        self._tf: TfListener | None = None
+        self._transforms = Transforms()
         # Messages with frames that may be unknown yet, each with its timeout.
         self._waiting: list[tuple[Any, float]] = []
 
@@ -89,7 +97,7 @@ class Ros2Source(ABC):
 
     def _to_loop_s(self, ros_s: float) -> float:
         """A stamp on the loop's clock, seconds."""
-        return self._unix_to_loop_s(ros_s if self._node is None else self._node.unix_s(ros_s))
+        return self._given.to_loop_s(ros_s if self._node is None else self._node.unix_s(ros_s))
 
     @abstractmethod
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
@@ -104,22 +112,25 @@ class Ros2Source(ABC):
         if self._node is not None:
             return
         try:
-            self._node = self._make_node(self._node_name, self._options.use_sim_time)
-            self._tf = TfListener(self._node) if self._uses_tf else None
-            self._watched = {**self._subscribe(self._node), **({} if self._tf is None else self._tf.topics)}
+            self._node = self._given.make_node(self._node_name, self._options.use_sim_time)
+            self._watched = dict(self._subscribe(self._node))
+            if self._uses_tf:
+                self._tf = TfListener(self._node)
+                self._transforms = self._tf.transforms
+                self._watched |= self._tf.topics
         except Ros2Error as error:
             self.close()
             raise SourceError(f"{self._name}: {error}") from None
         self._waiting.clear()
         self._silent: set[str] = set()
         self._several: set[str] = set()
-        self._watch_due_s = self._clock_s() + _DISCOVERY_S
+        self._watch_due_s = self._given.clock_s() + _DISCOVERY_S
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
         if self._node is None:
             return Arrived()
-        now_s = self._clock_s()
+        now_s = self._given.clock_s()
         problems: list[str] = []
         sightings: Iterable[Sighting] = ()
         cues: Iterable[Cue] = ()
@@ -232,28 +243,16 @@ class Ros2Person(Ros2Source):
 
     Args:
         topic: Topic of the heads.
-        clock_s: The loop's clock, seconds.
-        to_loop_s: Converts Unix time in seconds to the loop's clock.
-        options: Message type, frames and clock.
+        given: Clocks, options and node.
         optical: Whether frames with optical axes are accepted: the mount converts them.
-        make_node: Makes the node.
 
     Raises:
         SettingsError: If ROS 2 allows no such topic.
     """
 
-    def __init__(
-        self,
-        topic: str,
-        clock_s: Callable[[], float],
-        to_loop_s: Callable[[float], float],
-        options: Ros2Options,
-        optical: bool = False,
-        make_node: MakeNode = Ros2Node,
-    ) -> None:
+    def __init__(self, topic: str, given: Ros2Input, optical: bool = False) -> None:
         self._topic, self._optical = topic_name(topic), optical
-        name, uses_tf = f"ROS 2 topic {self._topic}", options.base_frame is not None
-        super().__init__(name, "gazempc_person", clock_s, to_loop_s, options, make_node, uses_tf)
+        super().__init__(given, f"ROS 2 topic {self._topic}", "gazempc_person")
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         self._poses = node.subscription(self._topic, self._options.pose_type)
@@ -271,8 +270,8 @@ class Ros2Person(Ros2Source):
         time_s = stamp_s(header.stamp)
         captured_s = on_loop_clock(time_s, self._to_loop_s, now_s)
         frame, base_frame, pose = header.frame_id.lstrip("/"), self._options.base_frame, None
-        if base_frame is not None and self._tf is not None:
-            pose = self._tf.transforms.pose(frame, base_frame, time_s)
+        if base_frame is not None:
+            pose = self._transforms.pose(frame, base_frame, time_s)
         elif not self._optical and frame.endswith("optical_frame"):
             raise Ros2Error(
                 f"a pose is in the frame {frame!r}, whose z points forward: expected x forward, z up; for optical "
