@@ -9,11 +9,10 @@ from contextlib import ExitStack, nullcontext
 import numpy as np
 
 from gazempc.errors import GazempcError, RobotError
-from gazempc.live.arrivals import Arrivals
-from gazempc.live.aside import ArrivingTarget, ReadAside
+from gazempc.live.arrivals import Arrivals, ArrivingTarget
 from gazempc.live.logs import LiveLogs, LiveReport, LogSink
 from gazempc.live.process import real_time_priority
-from gazempc.live.robots import first_position_rad, go_in
+from gazempc.live.robots import ReadAside, first_position_rad, go_in
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Source, SourceError
 from gazempc.loop.boundary import PartError, boundary, slow_calls
@@ -297,7 +296,7 @@ class LiveRun:
         self._note_slow_calls()
         loop.tick(index, now_s, [], due_s)
         if loop.joints is not None:
-            self._target.note_joints(now_s, loop.joints)
+            self._arrivals.note_joints(now_s, loop.joints)
         if self._attention is not None and isinstance(self._setup.several, LookingAway):
             for failure in self._attention(now_s, self._setup.several.state(now_s)):
                 recorder.event(now_s, Event.ATTENTION_NOT_SENT, failure)

@@ -7,6 +7,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
@@ -130,18 +131,17 @@ def serve(parent: Connection, address: str, options: CameraOptions, shows: bool,
     """
     # The camera is always released.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    try:
+    with suppress(ConnectionError):  # the parent has ended
+        why = ""
         try:
             _work(open_pictures(address, options, own), address, options, parent, shows)
-            parent.send(Failed())
         except (GazempcError, ValueError) as error:
-            parent.send(Failed(str(error)))
-        except (BrokenPipeError, ConnectionError):
+            why = str(error)
+        except ConnectionError:
             raise
         except Exception as error:
-            parent.send(Failed(f"the process of the camera ended: {error_line(error)}"))
-    except (BrokenPipeError, ConnectionError):
-        return  # the parent has ended
+            why = f"the process of the camera ended: {error_line(error)}"
+        parent.send(Failed(why))
 
 
 def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Connection, shows: bool) -> None:
