@@ -154,9 +154,8 @@ class Arrivals:
 
     def _problem(self, now_s: float, recorder: LoopRecorder, text: str) -> None:
         recorder.refuse(Event.BAD_OBSERVATION, now_s)
-        if not self._report.n_problems:
+        if not self._report.problems:
             _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
-        self._report.n_problems += 1
         if len(self._report.problems) < _PROBLEMS_KEPT:
             self._report.problems.append(text)
 

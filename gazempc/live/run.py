@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
+from functools import partial
 
 import numpy as np
 
@@ -219,18 +220,15 @@ class LiveRun:
                 closing.callback(self._close, source, source.close, Event.SOURCE_FAILED)
             closing.callback(self._close, self._robot, self._robot.close, Event.ROBOT_NOT_ANSWERING)
             if self._smoother is not None and self._neck.takes_speeds:
-                closing.callback(self._close, self._robot, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
+                # A velocity-controlled joint holds its last speed, possibly a small output of the position loop.
+                standing_rad = np.where(self._neck.speed_joints, 0.0, self.command_rad)
+                stop = partial(self._robot.send_command, standing_rad)
+                closing.callback(self._close, self._robot, stop, Event.ROBOT_NOT_ANSWERING)
             closing.callback(self._note_slow_calls, ended=True)
             # Closed first, as it uses the source.
             closing.callback(self._planner.close)
 
-    def _stop_speeds(self) -> None:
-        # A velocity-controlled joint holds its last speed, possibly a small output of the position loop.
-        assert self._smoother is not None
-        command_rad = self._smoother.command.position_rad
-        self._robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
-
-    def _close(self, part: Robot | Source, close: Callable[[], None], event: Event) -> None:
+    def _close(self, part: Robot | Source, close: Callable[[], object], event: Event) -> None:
         # An exception of `close` must not mask that of the run.
         with boundary(part, "close", lambda error: self.logs.recorder.event(self._clock.now_s(), event, error)):
             close()

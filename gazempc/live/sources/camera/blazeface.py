@@ -50,6 +50,11 @@ class Face:
     points_px: FloatArray
     score: float
 
+    @property
+    def width_px(self) -> float:
+        """Longer side of the box, pixels."""
+        return float(max(self.box_px[2:]))
+
 
 def network_file() -> Path:
     """Path of the network.

@@ -72,11 +72,6 @@ class FaceTrack:
     since_s: float
     pictures: int
 
-    @property
-    def width_px(self) -> float:
-        """Width of the face, pixels."""
-        return float(max(self.face.box_px[2:]))
-
     def middle_at(self, time_s: float) -> FloatArray:
         """Predicted centre of the face, shape (2,), pixels."""
         return self.face.box_px[:2] + (time_s - self.seen_s) * self.velocity_px_s
@@ -122,7 +117,7 @@ class FaceFinder:
             for face in self._detector.faces(picture, corner_px, side_px, _NEW_SCORE):
                 if any(_overlap(face, other.face) for other in here):
                     continue
-                sure = self._near(picture, face.box_px[:2], max(face.box_px[2:]), _SURE_SCORE)
+                sure = self._near(picture, face.box_px[:2], face.width_px, _SURE_SCORE)
                 if sure is None or any(_overlap(sure[0], other.face) for other in here):
                     continue
                 if self._is_face_mirrored(picture, sure[0], _MIRRORED_SCORE):
@@ -134,7 +129,7 @@ class FaceFinder:
 
     def _follow(self, picture: Any, person: FaceTrack, time_s: float) -> tuple[Face, int] | None:
         middle_px = person.middle_at(time_s)
-        found = self._near(picture, middle_px, person.width_px, _KNOWN_SCORE)
+        found = self._near(picture, middle_px, person.face.width_px, _KNOWN_SCORE)
         if found is not None:
             if person.person_id and found[0].score >= _UNSURE_SCORE:
                 return found
@@ -146,7 +141,7 @@ class FaceFinder:
         side_px = _square_px(picture.shape[0])
         for face in self._detector.faces(picture, _corner(middle_px, side_px), side_px, _NEW_SCORE):
             if _same(face, [person], time_s):
-                return self._near(picture, face.box_px[:2], max(face.box_px[2:]), _KNOWN_SCORE)
+                return self._near(picture, face.box_px[:2], face.width_px, _KNOWN_SCORE)
         return None
 
     def _near(
@@ -160,15 +155,15 @@ class FaceFinder:
             face
             for face in faces
             if math.dist(face.box_px[:2], middle_px) < width_px
-            and 0.5 < max(face.box_px[2:]) / width_px < 2.0
-            and max(face.box_px[2:]) >= _LEAST_PX
+            and 0.5 < face.width_px / width_px < 2.0
+            and face.width_px >= _LEAST_PX
             and 0 <= face.box_px[0] < width
             and 0 <= face.box_px[1] < height
         ]
         return (near[0], side_px) if near else None
 
     def _is_face_mirrored(self, picture: Any, face: Face, score_min: float) -> bool:
-        return self._near(picture, face.box_px[:2], max(face.box_px[2:]), score_min, mirrored=True) is not None
+        return self._near(picture, face.box_px[:2], face.width_px, score_min, mirrored=True) is not None
 
     def _found(self, before: FaceTrack | None, face: Face, side_px: int, time_s: float) -> FaceTrack:
         if before is None:
@@ -223,12 +218,12 @@ def _overlap(one: Face, other: Face) -> bool:
 
 def _same(face: Face, lost: list[FaceTrack], time_s: float) -> FaceTrack | None:
     """Re-identification: the nearest lost track."""
-    width_px = float(max(face.box_px[2:]))
+    width_px = face.width_px
 
     def away(person: FaceTrack) -> float:
         return min(math.dist(face.box_px[:2], p) for p in (person.middle_at(time_s), person.face.box_px[:2]))
 
-    like = [p for p in lost if max(width_px / p.width_px, p.width_px / width_px) < _SAME_CHANGE]
+    like = [p for p in lost if max(width_px / p.face.width_px, p.face.width_px / width_px) < _SAME_CHANGE]
     near = [p for p in like if away(p) < _SAME_WIDTHS * width_px]
     return min(near, key=away) if near else None
 
