@@ -48,20 +48,17 @@ class Ros2Cues(Ros2Source):
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         kinds = {self._point_topic: _POINT, self._sound_topic: self._options.sound_type}
-        self._topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
-        return self._topics
+        topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
+        self._topics = topics.get(self._point_topic), topics.get(self._sound_topic)
+        return topics
 
     def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        cues: list[Cue] = []
-        if self._sound_topic:
-            sounds = self._topics[self._sound_topic].take()
-            cues += used(sounds, lambda message: self._sound(message, now_s), self._sound_topic, problems)
-        if self._point_topic:
-            points = self._topics[self._point_topic].take()
-            cues += self._placed(
-                points, lambda point: self._glance(point, now_s), lambda _: self._point_topic, now_s, problems
-            )
-        return (), cues
+        points, sounds = ([] if topic is None else topic.take() for topic in self._topics)
+        heard = used(sounds, lambda message: self._sound(message, now_s), self._sound_topic, problems)
+        glances = self._placed(
+            points, lambda point: self._glance(point, now_s), lambda _: self._point_topic, now_s, problems
+        )
+        return (), [*heard, *glances]
 
     def _sound(self, message: Any, now_s: float) -> Sound:
         in_degrees = self._options.sound_type == "std_msgs/msg/Int32"

@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from gazempc.live.sources.camera.blazeface import Face
+from gazempc.live.sources.camera.blazeface import BlazeFace, Face
 from gazempc.live.sources.camera.head import POINT_SD, head_from_points
 from gazempc.live.sources.camera.intrinsics import Intrinsics
 from gazempc.types import FloatArray
@@ -39,15 +39,6 @@ _LEAST_PX = 12
 _TRACK_LIFETIME_S = 1.0
 # Bounds of re-identification: displacement in widths of the face, and change of its width.
 _SAME_WIDTHS, _SAME_CHANGE = 3.0, 1.5
-
-
-class Detector(Protocol):
-    """Face detector for a square of a picture, such as `gazempc.live.sources.camera.blazeface.BlazeFace`."""
-
-    def faces(
-        self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
-    ) -> list[Face]:
-        """Faces in a square of a picture, highest score first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +75,7 @@ class FaceFinder:
         detector: Detects faces in a square.
     """
 
-    def __init__(self, detector: Detector) -> None:
+    def __init__(self, detector: BlazeFace) -> None:
         self._detector = detector
         self._known: list[FaceTrack] = []
         self._names = itertools.count(1)
@@ -117,10 +108,10 @@ class FaceFinder:
             for face in self._detector.faces(picture, corner_px, side_px, _NEW_SCORE):
                 if any(_overlap(face, other.face) for other in here):
                     continue
-                sure = self._near(picture, face.box_px[:2], face.width_px, _SURE_SCORE)
+                sure = self._again(picture, face, _SURE_SCORE)
                 if sure is None or any(_overlap(sure[0], other.face) for other in here):
                     continue
-                if self._is_face_mirrored(picture, sure[0], _MIRRORED_SCORE):
+                if self._again(picture, sure[0], _MIRRORED_SCORE, mirrored=True):
                     before = _same(sure[0], lost, time_s)
                     lost = [person for person in lost if person is not before]
                     here.append(self._found(before, *sure, time_s))
@@ -134,14 +125,14 @@ class FaceFinder:
             if person.person_id and found[0].score >= _UNSURE_SCORE:
                 return found
             score_min = _UNSURE_MIRRORED_SCORE if person.person_id else _MIRRORED_SCORE
-            return found if self._is_face_mirrored(picture, found[0], score_min) else None
+            return found if self._again(picture, found[0], score_min, mirrored=True) else None
         if not person.person_id or person.seen_s < time_s - 0.5 * _TRACK_LIFETIME_S:
             return None
         # The camera may have turned with the head: repeat in a larger window.
         side_px = _square_px(picture.shape[0])
         for face in self._detector.faces(picture, _corner(middle_px, side_px), side_px, _NEW_SCORE):
             if _same(face, [person], time_s):
-                return self._near(picture, face.box_px[:2], face.width_px, _KNOWN_SCORE)
+                return self._again(picture, face, _KNOWN_SCORE)
         return None
 
     def _near(
@@ -162,8 +153,9 @@ class FaceFinder:
         ]
         return (near[0], side_px) if near else None
 
-    def _is_face_mirrored(self, picture: Any, face: Face, score_min: float) -> bool:
-        return self._near(picture, face.box_px[:2], face.width_px, score_min, mirrored=True) is not None
+    def _again(self, picture: Any, face: Face, score_min: float, mirrored: bool = False) -> tuple[Face, int] | None:
+        """A face in its own search window, see `_near`."""
+        return self._near(picture, face.box_px[:2], face.width_px, score_min, mirrored)
 
     def _found(self, before: FaceTrack | None, face: Face, side_px: int, time_s: float) -> FaceTrack:
         if before is None:
@@ -236,7 +228,7 @@ class FaceSensor:
         intrinsics: Camera intrinsics.
     """
 
-    def __init__(self, detector: Detector, intrinsics: Intrinsics) -> None:
+    def __init__(self, detector: BlazeFace, intrinsics: Intrinsics) -> None:
         self._finder = FaceFinder(detector)
         self._intrinsics = intrinsics
 
