@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from gazempc.errors import RobotError, SettingsError
+from gazempc.errors import RobotError
 from gazempc.live.clock import Clock
 from gazempc.loop.boundary import boundary, slow_calls
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import ADDRESSED, ROBOT, Kind, error_line, find, is_own, split_address
+from gazempc.parts import ROBOT, Kind, error_line, find, is_own, split_address
 from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot, checked_reading, way_in_rad
 from gazempc.types import FloatArray, JointState
@@ -56,8 +56,7 @@ def make_robot(
         The robot.
 
     Raises:
-        SettingsError: If there is no such robot, an option is invalid or a method is missing. Also for a simulated
-            clock with a robot that requires real time.
+        SettingsError: If there is no such robot, an option is invalid or a method is missing.
     """
     given: dict[str, Any] = {
         "neck": neck,
@@ -72,8 +71,6 @@ def make_robot(
     name, given["address"] = split_address(choice)
     if name in type(options).model_fields:
         given["options"] = getattr(options, name)
-    if name in ("ros2", *ADDRESSED) and not clock.is_real:
-        raise SettingsError(f"robot {choice} needs real time")
     if name == "ros2":
         given["to_loop_s"] = clock.from_unix_s
     robot: Robot = make(ROBOT, choice, given, {})

@@ -295,11 +295,9 @@ def _make_source(
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
         return own
-    if kind == "camera" and clock.is_real:
-        own_camera = options_for(CAMERA, address, settings.options.own)
-        return CameraSource(address, settings.camera, clock, own=own_camera)
-    if stamps is None:
-        raise SettingsError(f"source {settings.source!r} needs real time")
+    if kind == "camera":
+        return CameraSource(address, settings.camera, clock, options_for(CAMERA, address, settings.options.own))
+    assert stamps is not None  # the other sources need real time
     if kind in ("ros2", "ros4hri"):
         return _ros2_source(settings.source, settings, clock, stamps)
     wire: Wire = StandardInput()

@@ -109,8 +109,6 @@ class Ros2Source(ABC):
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait for a sender."""
-        if self._node is not None:
-            return
         try:
             self._node = self._given.make_node(self._node_name, self._options.use_sim_time)
             self._watched = dict(self._subscribe(self._node))

@@ -90,11 +90,10 @@ class Snapshots:
             case moments.TickMoment():
                 joints = self._true_joints or moment.joints
                 self._true_joints = None
-                if joints is not None:
-                    before = -math.inf if self._tick is None else self._tick.time_s
-                    if moment.time_s - before >= PERIOD_S - 1e-6:
-                        self._tick = moment._replace(joints=joints)
-                        return True
+                before_s = -math.inf if self._tick is None else self._tick.time_s
+                if joints is not None and moment.time_s - before_s >= PERIOD_S - 1e-6:
+                    self._tick = moment._replace(joints=joints)
+                    return True
         return False
 
     def hello(self) -> str:
@@ -247,7 +246,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         page, path = self._page, self.path.partition("?")[0]
-        if not self._host_is_accepted():
+        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read this server's data.
+        if page.on_loopback and self.headers.get("Host", "").partition(":")[0] not in {*LOOPBACK, page.host}:
             self.send_error(HTTPStatus.FORBIDDEN, "use the address printed by the run")
         elif path == "/state":
             self._stream(page)
@@ -258,11 +258,6 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(files(__package__).joinpath("page", name).read_bytes(), kind)
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
-
-    def _host_is_accepted(self) -> bool:
-        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read this server's data.
-        host = self.headers.get("Host", "").partition(":")[0]
-        return not self._page.on_loopback or host in {*LOOPBACK, self._page.host}
 
     def _answer(self, content: bytes, kind: str) -> None:
         self._begin(kind)

@@ -222,11 +222,7 @@ class CameraSource:
     """
 
     def __init__(
-        self,
-        address: str,
-        options: CameraOptions,
-        clock: Clock,
-        own: Mapping[str, Any] | None = None,
+        self, address: str, options: CameraOptions, clock: Clock, own: Mapping[str, Any] | None = None
     ) -> None:
         if options.calibration is not None and options.fov_deg is not None:
             raise SettingsError("--camera.fov-deg and --camera.calibration: give one of them")
@@ -247,8 +243,6 @@ class CameraSource:
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; waits for the first picture."""
-        if self._process is not None:
-            return
         address = picture_url() if self._address == EMULATOR else self._address
         given = address, self._options, self._watch is not None, self._own
         self._process, self._messages = start_child("camera", serve, *given)
