@@ -113,7 +113,7 @@ class LiveLogs:
 
     def __init__(self, setup: LiveSetup, sink: LogSink, listen: Callable[[Moment], None] | None) -> None:
         self._setup, self._sink, self._listen = setup, sink, listen
-        self._true_state = setup.true_state
+        self._true_state: Callable[[], JointState] | None = getattr(setup.robot, "true_state", None)
         self._log_ticks = max(1, round(setup.log_s * setup.neck.servo_rate_hz))
         self.recorder = self._new_recorder()
         self._true_joints = JointColumns(setup.neck.joints)

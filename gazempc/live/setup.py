@@ -45,7 +45,7 @@ from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
 from gazempc.sim.scene import Scene, make_scene
 from gazempc.specfiles import explain
-from gazempc.types import FloatArray, JointState
+from gazempc.types import FloatArray
 from predictors import Predictor
 
 TrueHeadAt = Callable[[FloatArray], FloatArray]
@@ -117,12 +117,6 @@ class LiveSetup:
     log_s: float = 300.0
     notes: tuple[str, ...] = ()
 
-    @property
-    def true_state(self) -> Callable[[], JointState] | None:
-        """The simulated robot's true joints; None for any other robot."""
-        found: Callable[[], JointState] | None = getattr(self.robot, "true_state", None)
-        return found
-
 
 def build(settings: LiveSettings) -> LiveSetup:
     """Make the parts of a run of the command line.
@@ -146,21 +140,14 @@ def build(settings: LiveSettings) -> LiveSetup:
     stamps = StampReader(settings.stamps, clock) if clock.is_real and settings.source_kind in STAMPED else None
     source = _make_source(settings, neck, clock, scene, stamps)
     chosen = settings.predictor, settings.controller, settings.robot
-    setup = _joined(settings, neck, clock, source, chosen, scene, settings.seed)
+    recording = settings.source if scene is None else scene.name
+    setup = _joined(settings, neck, clock, source, chosen, recording, scene, settings.seed)
     if settings.isolate is not None:
         person = Person() if scene is None else Person(scene.walk.labels.subject)
         make_there = partial(make_predictor, settings.predictor, settings, person, settings.options.own)
         setup = replace(setup, predictor=IsolatedPredictor(make_there))
-    about = {
-        "seed": settings.seed,
-        "recording": settings.source if scene is None else scene.name,
-        "settings": settings.model_dump(mode="json", exclude={"out", "figures"}),
-        # Read at the tick itself; on a real clock a robot is read slightly later.
-        "joints": "true" if settings.simulated_clock and setup.true_state is not None else "measured",
-    }
     return replace(
         setup,
-        about=setup.about.model_copy(update=about),
         make_planner=ImmediatePlanner if settings.simulated_clock else BackgroundPlanner,
         stamps=stamps,
         hints=SetupHints(own_source=stamps is None, judges_rate=settings.source_kind != "camera"),
@@ -206,7 +193,6 @@ def setup_of_gaze(
     people = () if checked.source is None else (_ros2_source(checked.source, checked, clock, stamps),)
     setup = replace(
         setup,
-        about=setup.about.model_copy(update={"settings": checked.model_dump(mode="json")}),
         stamps=stamps,
         hints=SetupHints(python=True),
         more_sources=(*people, *make_cue_source(checked, spec, clock, mounted=checked.source is not None)),
@@ -236,6 +222,7 @@ def _joined(
     clock: Clock,
     source: Source,
     chosen: tuple[str | Predictor, str | Controller, str | Robot],
+    recording: str = "live",
     scene: Scene | None = None,
     seed: int = 0,
 ) -> LiveSetup:
@@ -252,7 +239,7 @@ def _joined(
         check_members(ROBOT, robot)
         ready = MonotonicRobot(robot, clock)
     about = RunInfo(
-        recording="live",
+        recording=recording,
         kind="live" if walk is None else walk.kind,
         subject="unknown" if walk is None else walk.labels.subject,
         group=None if walk is None else walk.labels.group,
@@ -260,9 +247,12 @@ def _joined(
         predictor=name_of(PREDICTOR, predictor),
         neck=neck,
         sensor={"name": "live" if scene is None else scene.sensor.name},
+        seed=seed,
         mode="live",
         robot=name_of(ROBOT, robot),
-        joints="measured",
+        # Read at the tick itself; on a real clock a robot is read slightly later.
+        joints="measured" if clock.is_real or not hasattr(ready, "true_state") else "true",
+        settings=settings.model_dump(mode="json", exclude={"out", "figures"}),
     )
     setup = LiveSetup(about, neck, predictor, controller, ready, source, clock, settings.mount, settings.loop)
     # True identities of several people are not tracked live.

@@ -120,8 +120,7 @@ class Ros2Source(ABC):
             self.close()
             raise SourceError(f"{self._name}: {error}") from None
         self._waiting.clear()
-        self._silent: set[str] = set()
-        self._several: set[str] = set()
+        self._silent, self._several = set[str](), set[str]()
         self._watch_due_s = self._given.clock_s() + _DISCOVERY_S
 
     def poll(self) -> Arrived:
@@ -130,13 +129,12 @@ class Ros2Source(ABC):
             return Arrived()
         now_s = self._given.clock_s()
         problems: list[str] = []
-        sightings: Iterable[Sighting] = ()
-        cues: Iterable[Cue] = ()
         try:
             if self._tf is not None:
                 self._tf.listen(problems)
             sightings, cues = self._process(now_s, problems)
         except Ros2Error as error:
+            sightings, cues = (), ()
             problems.append(f"{self._name}: {error}")
         return Arrived(tuple(sightings), tuple(problems), self._watch_senders(now_s), tuple(cues))
 

@@ -115,8 +115,9 @@ class McapFiles:
         self._lost = 0
         self._begun = False
         self._flush_s = 0.0
-        self._complete: deque[McapWriter] = deque()
-        self._open: tuple[McapWriter, Channels] | None = self._next()
+        # Oldest first; the last one is open while there are channels.
+        self._writers: deque[McapWriter] = deque()
+        self._channels: Channels | None = self._next()
 
     def take(self, moment: Moment | LogKept) -> None:
         """Write a moment.
@@ -130,37 +131,33 @@ class McapFiles:
         """
         if isinstance(moment, LogKept):
             self._finish(moment)
-        elif not isinstance(moment, CutMoment):
-            self._open = self._open or self._next()
-            writer, channels = self._open
-            channels.write(moment)
+        elif isinstance(moment, CutMoment):
+            self._channels = None
+        else:
+            self._channels = self._channels or self._next()
+            self._channels.write(moment)
             self._begun = True
             if isinstance(moment, TickMoment) and moment.time_s >= self._flush_s:
                 self._flush_s = moment.time_s + _FLUSH_EVERY_S
-                writer.flush()
-        elif self._open is not None:
-            self._complete.append(self._open[0])
-            self._open = None
+                self._writers[-1].flush()
 
     def close(self) -> None:
         """Close the open file. Without its log a file has all channels; one without a tick is removed."""
-        if self._open is not None:
-            self._complete.append(self._open[0])
-        while self._complete:
-            self._complete.popleft().close()
+        while self._writers:
+            self._writers.popleft().close()
         if not self._begun:
             self._path(0).unlink(missing_ok=True)
 
-    def _next(self) -> tuple[McapWriter, Channels]:
-        writer = McapWriter(self._run, self._path(self._number))
+    def _next(self) -> Channels:
+        self._writers.append(McapWriter(self._run, self._path(self._number)))
         self._number += 1
-        return writer, Channels(self._run, writer.context)
+        return Channels(self._run, self._writers[-1].context)
 
     def _path(self, number: int) -> Path:
         return self._folder / f"log_{number:03}.mcap"
 
     def _finish(self, kept: LogKept) -> None:
-        writer = self._complete.popleft()
+        writer = self._writers.popleft()
         lost, self._lost = kept.lost - self._lost, kept.lost
         writer.note("gazempc_lost", {"moments": str(lost)})
         writer.attach(kept.path.read_bytes())
