@@ -65,15 +65,10 @@ def make_robot(
         "position_rad": position_rad,
         "seed": seed,
     }
-    if is_own(choice):
-        own: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
-        return own
-    name, given["address"] = split_address(choice)
-    if name in type(options).model_fields:
-        given["options"] = getattr(options, name)
-    if name == "ros2":
-        given["to_loop_s"] = clock.from_unix_s
-    robot: Robot = make(ROBOT, choice, given, {})
+    if not is_own(choice):
+        name, address = split_address(choice)
+        given |= {"address": address, "options": getattr(options, name, None), "to_loop_s": clock.from_unix_s}
+    robot: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
     return robot
 
 

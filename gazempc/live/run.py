@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, closing, nullcontext
 from functools import partial
 
 import numpy as np
@@ -108,13 +108,11 @@ class LiveRun:
             SourceError: If the source cannot be opened.
             Exception: Any other fault (such as a full disk), after the neck was braked.
         """
-        try:
+        with closing(self):
             if self.start(stop):
                 if on_ready is not None:
                     on_ready()
                 self.serve(stop, duration_s)
-        finally:
-            self.close()
         self.logs.check()
         return self.report
 

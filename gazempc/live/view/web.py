@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -161,9 +162,9 @@ def _in_view_deg(eye_m: FloatArray, gaze: FloatArray, target_m: FloatArray) -> l
     left /= max(float(np.linalg.norm(left)), 1e-9)
     up = np.cross(gaze, left)
     angle_deg = math.degrees(angle_between_rad(gaze, to_target))
-    sideways, upwards = float(left @ to_target), float(up @ to_target)
-    length = math.hypot(sideways, upwards)
-    return [0.0, 0.0] if length == 0.0 else [angle_deg * sideways / length, angle_deg * upwards / length]
+    offset_m = np.array([left, up]) @ to_target
+    offset_deg: list[float] = (angle_deg / max(float(np.linalg.norm(offset_m)), 1e-9) * offset_m).tolist()
+    return offset_deg
 
 
 def _ellipse(covariance_m2: FloatArray) -> list[float] | None:
@@ -270,7 +271,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._begin("text/event-stream")
         self.send_header("Connection", "close")
         self.end_headers()
-        try:
+        with suppress(OSError):  # the page was closed
             # A page reconnects half a second after a loss.
             self._event("hello", page.snapshots.hello(), "retry: 500\n")
             shown = ""
@@ -284,8 +285,6 @@ class _Handler(BaseHTTPRequestHandler):
             if page.state != shown:
                 self._event("state", page.state)
             self._event("end", "{}")
-        except OSError:
-            return  # the page was closed
 
     def _event(self, name: str, text: str, before: str = "") -> None:
         self.wfile.write(f"{before}event: {name}\ndata: {text}\n\n".encode())

@@ -7,7 +7,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -150,7 +150,7 @@ def serve(parent: Connection, address: str, options: CameraOptions, shows: bool,
 
 
 def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Connection, shows: bool) -> None:
-    try:
+    with closing(pictures):
         detector, rate, cv2 = BlazeFace(), FaceRate(), import_opencv()
         sensor, latest_s, shown_s = None, float("-inf"), float("-inf")
         while (picture := pictures.read()) is not None:
@@ -177,8 +177,6 @@ def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Conn
             if shows and captured_s - shown_s >= _PERIOD_S:
                 shown_s = captured_s
                 parent.send(PictureMoment(captured_s, _small(cv2, picture.rgb)))
-    finally:
-        pictures.close()
 
 
 def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, str]:
