@@ -69,43 +69,53 @@ class Ros2Source(ABC):
         self._node: Ros2Node | None = None
         self._tf: TfListener | None = None
         self._transforms = Transforms()
+        # Time and unusable messages of the present poll.
+        self._now_s, self._problems = 0.0, list[str]()
         # Messages with frames that may be unknown yet, each with its timeout.
         self._waiting: list[tuple[Any, float]] = []
 
     def _placed(
-        self,
-        arrived: Iterable[Any],
-        take: Callable[[Any], _T | None],
-        named: Callable[[Any], str],
-        now_s: float,
-        problems: list[str],
+        self, arrived: Iterable[Any], take: Callable[[Any], _T | None], named: Callable[[Any], str]
     ) -> list[_T]:
-        """As `used`, for new and pending messages; a message in a frame unknown to tf remains pending."""
-        waiting = [*self._waiting, *((message, now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
+        """As `_used`, for new and pending messages; a message in a frame unknown to tf remains pending."""
+        waiting = [*self._waiting, *((message, self._now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
         self._waiting = []
 
         def placed(each: tuple[Any, float]) -> _T | None:
             try:
                 return take(each[0])
             except FrameError:
-                if now_s >= each[1]:
+                if self._now_s >= each[1]:
                     raise
                 self._waiting.append(each)
                 return None
 
-        return [found for each in waiting for found in used([each], placed, named(each[0]), problems)]
+        return [found for each in waiting for found in self._used([each], placed, named(each[0]))]
 
-    def _to_loop_s(self, ros_s: float) -> float:
-        """A stamp on the loop's clock, seconds."""
-        return self._given.to_loop_s(ros_s if self._node is None else self._node.unix_s(ros_s))
+    def _used(self, messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str) -> list[_T]:
+        """Results of messages that can be used; the others are problems with the topic's name."""
+        found: list[_T] = []
+        for message in messages:
+            try:
+                result = take(message)
+            except ValueError as error:
+                self._problems.append(f"{topic}: {error}")
+            else:
+                found += [] if result is None else [result]
+        return found
+
+    def _loop_s(self, ros_s: float) -> float:
+        """A stamp on the loop's clock, seconds. Raises Ros2Error if the clocks cannot agree."""
+        unix_s = ros_s if self._node is None else self._node.unix_s(ros_s)
+        return on_loop_clock(unix_s, self._given.to_loop_s, self._now_s)
 
     @abstractmethod
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         """Subscribe; returns the topics with monitored publishers."""
 
     @abstractmethod
-    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        """Process messages, after those of tf; problems are appended. Raises Ros2Error if the node is closed."""
+    def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+        """Process messages, after those of tf. Raises Ros2Error if the node is closed."""
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait for a sender."""
@@ -127,16 +137,15 @@ class Ros2Source(ABC):
         """See `gazempc.live.sources.source.Source.poll`."""
         if self._node is None:
             return Arrived()
-        now_s = self._given.clock_s()
-        problems: list[str] = []
+        self._now_s, self._problems = self._given.clock_s(), []
         try:
             if self._tf is not None:
-                self._tf.listen(problems)
-            sightings, cues = self._process(now_s, problems)
+                self._tf.listen(self._problems)
+            sightings, cues = self._process()
         except Ros2Error as error:
             sightings, cues = (), ()
-            problems.append(f"{self._name}: {error}")
-        return Arrived(tuple(sightings), tuple(problems), self._watch_senders(now_s), tuple(cues))
+            self._problems.append(f"{self._name}: {error}")
+        return Arrived(tuple(sightings), tuple(self._problems), self._watch_senders(), tuple(cues))
 
     @property
     def finished(self) -> bool:
@@ -149,11 +158,11 @@ class Ros2Source(ABC):
             self._node.close()
         self._node = None
 
-    def _watch_senders(self, now_s: float) -> tuple[Notice, ...]:
+    def _watch_senders(self) -> tuple[Notice, ...]:
         """Notices of topics that newly have no publisher, or newly have several (allowed for tf)."""
-        if now_s < self._watch_due_s:
+        if self._now_s < self._watch_due_s:
             return ()
-        self._watch_due_s = now_s + _DISCOVERY_S
+        self._watch_due_s = self._now_s + _DISCOVERY_S
         senders = {name: topic.senders for name, topic in self._watched.items()}
         silent = {name for name, nodes in senders.items() if not nodes}
         # A new end is in the graph before the name of its node: the notice waits until every name is known.
@@ -170,19 +179,6 @@ class Ros2Source(ABC):
             text = ", ".join(f"{name} ({' and '.join(sorted(senders[name]))})" for name in twice)
             notices.append(Notice(Event.SEVERAL_SENDERS, f"several nodes send on {text}: stop all but one", 0))
         return tuple(notices)
-
-
-def used(messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str, problems: list[str]) -> list[_T]:
-    """Results of messages that can be used; for others the problem is appended with the topic's name."""
-    found: list[_T] = []
-    for message in messages:
-        try:
-            result = take(message)
-        except ValueError as error:
-            problems.append(f"{topic}: {error}")
-        else:
-            found += [] if result is None else [result]
-    return found
 
 
 class TfListener:
@@ -254,17 +250,15 @@ class Ros2Person(Ros2Source):
         self._poses = node.subscription(self._topic, self._options.pose_type)
         return {self._topic: self._poses}
 
-    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        found = self._placed(
-            self._poses.take(), lambda each: self._seen(each, now_s, problems), lambda _: self._topic, now_s, problems
-        )
-        return [Sighting(now_s, observation) for seen in found for observation in seen], ()
+    def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+        found = self._placed(self._poses.take(), self._seen, lambda _: self._topic)
+        return [Sighting(self._now_s, observation) for seen in found for observation in seen], ()
 
-    def _seen(self, message: Any, now_s: float, problems: list[str]) -> list[HeadObservation]:
+    def _seen(self, message: Any) -> list[HeadObservation]:
         """Heads of a message."""
         header = message.header
         time_s = stamp_s(header.stamp)
-        captured_s = on_loop_clock(time_s, self._to_loop_s, now_s)
+        captured_s = self._loop_s(time_s)
         frame, base_frame, pose = header.frame_id.lstrip("/"), self._options.base_frame, None
         if base_frame is not None:
             pose = self._transforms.pose(frame, base_frame, time_s)
@@ -275,7 +269,7 @@ class Ros2Person(Ros2Source):
             )
         # Heads of a message are validated individually.
         heads = _heads(message, self._options.pose_type)
-        return used(heads, lambda head: _observation(head, captured_s, pose), self._topic, problems)
+        return self._used(heads, lambda head: _observation(head, captured_s, pose), self._topic)
 
 
 def _heads(message: Any, pose_type: str) -> list[_Head]:

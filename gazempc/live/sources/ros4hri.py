@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.live.sources.ros2 import Ros2Input, Ros2Source, used
+from gazempc.live.sources.ros2 import Ros2Input, Ros2Source
 from gazempc.people.company import Cue
 from gazempc.recordings.readers.bag_frames import Poses, forward
 from gazempc.recordings.readers.bag_people import is_person
-from gazempc.ros2.messages import FrameError, on_loop_clock
+from gazempc.ros2.messages import FrameError, Ros2Error
 from gazempc.ros2.node import Ros2Node, Subscription
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
@@ -69,18 +69,18 @@ class Ros4HriPeople(Ros2Source):
         self._sensor_frame: str | None = None
         return {}
 
-    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         assert self._tf is not None
         self._listen()
         heads: list[_Head] = []
         for frame, time_s in self._tf.moved:
             for name in filter(self._is_head, self._transforms.moved_with(frame)):
-                captured = used(
-                    [time_s], lambda at_s: on_loop_clock(at_s, self._to_loop_s, now_s), f"/tf, {name}", problems
-                )
-                heads += [_Head(name, time_s, each_s) for each_s in captured]
-        seen = self._placed(heads, self._seen, lambda head: f"/tf, {head.name}", now_s, problems)
-        return [Sighting(now_s, each) for each in seen], ()
+                try:
+                    heads.append(_Head(name, time_s, self._loop_s(time_s)))
+                except Ros2Error as error:
+                    self._problems.append(f"/tf, {name}: {error}")
+        seen = self._placed(heads, self._seen, lambda head: f"/tf, {head.name}")
+        return [Sighting(self._now_s, each) for each in seen], ()
 
     def _listen(self) -> None:
         """Process lists and matches."""
