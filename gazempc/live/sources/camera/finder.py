@@ -245,6 +245,7 @@ class FaceSensor:
         heads = []
         for person in self._finder.detect(picture, time_s):
             rays = self._intrinsics.rays(person.face.points_px)
-            point_sd = POINT_SD * person.side_px / self._intrinsics.focal_px
+            # The first element is the focal length in pixels.
+            point_sd = POINT_SD * person.side_px / float(self._intrinsics.matrix[0, 0])
             heads.append(head_from_points(rays, point_sd, person.face.score, time_s, person.person_id))
         return heads
