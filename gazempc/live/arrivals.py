@@ -25,6 +25,7 @@ from gazempc.loop.events import Event
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.track import AroundTarget, Target
 from gazempc.people.company import Cue
 from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import HeadObservation
@@ -38,6 +39,8 @@ _NEWEST_OF_SEVERAL = 40
 _AGAIN_AFTER_S = 10.0
 # Number of stored problem texts; further ones are counted.
 _PROBLEMS_KEPT = 20
+# Length of the queue of joint states while a part blocks.
+_JOINTS_KEPT = 1000
 # Share of a tick for the processing of observations: the command must be sent in time.
 _TICK_SHARE = 0.2
 
@@ -63,6 +66,7 @@ class Arrivals:
         self._newest = _NEWEST if people is None else _NEWEST_OF_SEVERAL
         self._watch = Watch(setup.clock, setup.stamps, setup.mount, setup.loop, setup.hints, people is not None)
         self._joints = JointHistory()
+        self._noted: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=_JOINTS_KEPT)
         self._waiting: deque[Sighting] = deque()
         # Processing takes no time on a simulated clock.
         self._longest_s = _TICK_SHARE * setup.neck.servo_period_s if setup.clock.is_real else math.inf
@@ -73,13 +77,13 @@ class Arrivals:
         self.heads_seen: Callable[[Iterable[Sighting], float], None] | None = None
 
     def note_joints(self, now_s: float, joints: JointEstimate) -> None:
-        """Record the joint angles, for the pose of a moving sensor.
+        """Record the joint angles, for the pose of a moving sensor; may be called by another thread.
 
         Args:
             now_s: The time, seconds.
             joints: The joints at this time.
         """
-        self._joints.add(now_s, joints.position_rad, joints.velocity_rad_s)
+        self._noted.append((now_s, joints.position_rad, joints.velocity_rad_s))
 
     def take(self, now_s: float, recorder: LoopRecorder) -> Iterable[Sighting]:
         """Observations since the last tick.
@@ -91,6 +95,8 @@ class Arrivals:
         Returns:
             Observations in the base frame, generated lazily within the time budget of the tick.
         """
+        while self._noted:
+            self._joints.add(*self._noted.popleft())
         for source in self._sources:
             arrived = Arrived()
             with boundary(source, "poll", partial(recorder.event, now_s, Event.SOURCE_FAILED)):
@@ -109,8 +115,7 @@ class Arrivals:
         while len(self._waiting) > self._newest:
             self._waiting.popleft()
             self._report.observations += 1
-            recorder.refused(Event.OBSERVATIONS_DROPPED)
-            recorder.event(now_s, Event.OBSERVATIONS_DROPPED)
+            recorder.refuse(Event.OBSERVATIONS_DROPPED, now_s)
         for problem in arrived.problems:
             self._report.observations += 1
             self._problem(now_s, recorder, problem)
@@ -148,11 +153,9 @@ class Arrivals:
                 return
 
     def _problem(self, now_s: float, recorder: LoopRecorder, text: str) -> None:
-        recorder.refused(Event.BAD_OBSERVATION)
-        recorder.event(now_s, Event.BAD_OBSERVATION)
-        if not self._report.n_problems:
+        recorder.refuse(Event.BAD_OBSERVATION, now_s)
+        if not self._report.problems:
             _LOGGER.warning("%s: %s", Event.BAD_OBSERVATION, text)
-        self._report.n_problems += 1
         if len(self._report.problems) < _PROBLEMS_KEPT:
             self._report.problems.append(text)
 
@@ -215,6 +218,30 @@ class Arrivals:
         assert placed.head_quat_wxyz is not None
         axes = Rotation.from_quat(placed.head_quat_wxyz, scalar_first=True).as_matrix()
         return CameraView(placed.head_position_base_m - axes[:, 0], axes, half_rad)
+
+
+class ArrivingTarget(AroundTarget):
+    """A target that polls the sources in the planner's thread.
+
+    Args:
+        target: The person to look at.
+        arrivals: Polls the sources.
+
+    Attributes:
+        finished: Whether the source has ended.
+        stopped: Set to end polling.
+    """
+
+    def __init__(self, target: Target, arrivals: Arrivals) -> None:
+        super().__init__(target)
+        self._arrivals = arrivals
+        self.finished = self.stopped = False
+
+    def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
+        """See `gazempc.loop.track.Target.assimilate`; processes the observations of the sources."""
+        if not self.stopped:
+            self._target.assimilate(self._arrivals.take(time_s, recorder), time_s, recorder)
+            self.finished = self._arrivals.finished(time_s, recorder)
 
 
 def _checked(arrived: object) -> Arrived:

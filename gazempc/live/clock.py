@@ -92,9 +92,7 @@ class SimulatedClock(Clock):
     """A clock that jumps to the end of each sleep: a live run at full speed, repeatable."""
 
     is_real = False
-
-    def __init__(self) -> None:
-        self._now_s = 0.0
+    _now_s = 0.0
 
     def now_s(self) -> float:
         """See `Clock.now_s`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import warnings
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Unpack
@@ -333,10 +333,8 @@ class Gaze:
 
     def _work(self, run: LiveRun) -> None:
         try:
-            try:
+            with closing(run):
                 run.serve(self._stop)
-            finally:
-                run.close()
             run.logs.check()
         except BaseException as error:
             self._failure = error

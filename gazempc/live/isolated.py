@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -51,13 +52,11 @@ class IsolatedPredictor:
 
 def _serve(line: Connection, make: Callable[[], Predictor]) -> None:
     predictor = make()
-    while True:
-        try:
+    with suppress(EOFError):  # the run has ended
+        while True:
             method, args = line.recv()
-        except EOFError:
-            return
-        try:
-            answer = getattr(predictor, method)(*args)
-        except BaseException as error:  # also of sys.exit
-            answer = error
-        line.send((answer, getattr(predictor, "rejections_in_a_row", 0)))
+            try:
+                answer = getattr(predictor, method)(*args)
+            except BaseException as error:  # also of sys.exit
+                answer = error
+            line.send((answer, getattr(predictor, "rejections_in_a_row", 0)))

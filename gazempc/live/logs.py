@@ -76,7 +76,6 @@ class LiveReport:
         lateness: Histogram of the delays of ticks.
         observations: Number of observations that arrived, valid or not.
         problems: Texts of the first 20 invalid observations.
-        n_problems: Number of invalid observations.
         warnings: Probable set-up errors: event, finding and correction of each kind.
         least_age_s: Minimum over the run of the least age of frames, by their stamps, seconds; negative for stamps in
             the future.
@@ -89,7 +88,6 @@ class LiveReport:
     lateness: Lateness = field(default_factory=Lateness)
     observations: int = 0
     problems: list[str] = field(default_factory=list)
-    n_problems: int = 0
     warnings: list[str] = field(default_factory=list)
     least_age_s: float = math.inf
     greatest_age_s: float = -math.inf
@@ -115,7 +113,7 @@ class LiveLogs:
 
     def __init__(self, setup: LiveSetup, sink: LogSink, listen: Callable[[Moment], None] | None) -> None:
         self._setup, self._sink, self._listen = setup, sink, listen
-        self._true_state = setup.true_state
+        self._true_state: Callable[[], JointState] | None = getattr(setup.robot, "true_state", None)
         self._log_ticks = max(1, round(setup.log_s * setup.neck.servo_rate_hz))
         self.recorder = self._new_recorder()
         self._true_joints = JointColumns(setup.neck.joints)

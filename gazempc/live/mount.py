@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -58,7 +57,7 @@ class Mount(Settings):
     @property
     def turn(self) -> Rotation:
         """Rotation from the sensor's frame to its parent frame."""
-        return _turn(self.roll_pitch_yaw_deg)
+        return Rotation.from_euler("xyz", self.roll_pitch_yaw_deg, degrees=True)
 
     def in_sensor(self, observation: HeadObservation) -> HeadObservation:
         """An observation in metres, x forward, y left, z up of the sensor.
@@ -97,23 +96,15 @@ class Mount(Settings):
         Raises:
             ValueError: If the sensor moves and the angles are None.
         """
-        if self.on == "base" and not any(self.position_m + self.roll_pitch_yaw_deg):
+        if not self.moves and not any(self.position_m + self.roll_pitch_yaw_deg):
             return replace(observation)  # runs the validation again, as a source may bypass it
-        turn = self.turn
-        shift_m = np.array(self.position_m)
+        turn, shift_m = self.turn, np.array(self.position_m)
         if self.moves:
             if angles_rad is None:
                 raise ValueError(f"the sensor moves with the {self.on}, whose angles at the capture time are unknown")
             carrier, origin_m = (eye_in_base if self.on == "eye" else head_in_base)(geometry, angles_rad)
             turn, shift_m = carrier * turn, origin_m + carrier.apply(shift_m)
-
         return moved(observation, turn, shift_m)
-
-
-# Cached, as each frame needs it; the value is never changed.
-@lru_cache(maxsize=16)
-def _turn(roll_pitch_yaw_deg: tuple[float, float, float]) -> Rotation:
-    return Rotation.from_euler("xyz", roll_pitch_yaw_deg, degrees=True)
 
 
 def moved(observation: HeadObservation, turn: Rotation, shift_m: FloatArray) -> HeadObservation:

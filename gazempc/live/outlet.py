@@ -25,7 +25,7 @@ _TEXT = "std_msgs/msg/String"
 _WAITING = 1000
 # Timeout for the last lines at the end of a run.
 _LAST_SENT_S = 2.0
-_TIMES = ("since_s", "stays_until_s", "away_since_s", "away_until_s")
+_TIMES = ("time_s", "since_s", "stays_until_s", "away_since_s", "away_until_s")
 
 # Context manager whose value sends one line, without line end; may raise any exception.
 Sink = AbstractContextManager[Callable[[str], None]]
@@ -119,7 +119,7 @@ class AttentionOutlet:
             self._open.close()
 
     def report(self, now_s: float, state: AttentionState) -> Sequence[Exception]:
-        """Report the state of attention; non-blocking; sends a line after a change.
+        """Report the state of attention; non-blocking; sends a line after a change: its fields and ``time_s``.
 
         Args:
             now_s: The time, seconds.
@@ -130,7 +130,10 @@ class AttentionOutlet:
         """
         if state != self._last and self._queue.qsize() < _WAITING:
             self._last = state
-            self._queue.put(line_of(state, now_s, -self._clock.from_unix_s(0.0)))
+            fields = {"time_s": now_s, **asdict(state)}
+            for name in _TIMES:
+                fields[name] = None if fields[name] is None else round(fields[name] - self._clock.from_unix_s(0.0), 4)
+            self._queue.put(json.dumps(fields))
         return [self._failed.popleft() for _ in range(len(self._failed))]
 
     def _work(self, send: Callable[[str], None]) -> None:
@@ -139,20 +142,3 @@ class AttentionOutlet:
                 send(line)
             except Exception as error:
                 self._failed.append(error)
-
-
-def line_of(state: AttentionState, now_s: float, offset_s: float) -> str:
-    """A state as JSON.
-
-    Args:
-        state: The state.
-        now_s: The time, on the loop's clock, seconds.
-        offset_s: Unix time of the clock's zero, seconds.
-
-    Returns:
-        The fields of the state, with ``time_s``; times are Unix time.
-    """
-    fields = {"time_s": now_s, **asdict(state)}
-    for name in ("time_s", *_TIMES):
-        fields[name] = None if fields[name] is None else round(fields[name] + offset_s, 4)
-    return json.dumps(fields)

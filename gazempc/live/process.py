@@ -95,15 +95,12 @@ def real_time_priority() -> Iterator[None]:
     If it is the main thread, also of all other threads, against priority inversion: a thread that holds the interpreter
     lock must not wait for a processor.
     """
-    if not hasattr(os, "sched_setscheduler"):
-        yield
-        return
     mine = threading.get_native_id()
     whole = threading.current_thread() is threading.main_thread()
     threads = {each.native_id for each in threading.enumerate() if each.native_id} if whole else {mine}
     before = {}
-    # Requires root or an rtprio limit; threads may have ended.
-    with contextlib.suppress(PermissionError):
+    # Requires Linux, and root or an rtprio limit; threads may have ended.
+    with contextlib.suppress(AttributeError, PermissionError):
         for thread in sorted(threads):
             with contextlib.suppress(ProcessLookupError):
                 known = os.sched_getscheduler(thread), os.sched_getparam(thread)
@@ -123,9 +120,8 @@ def before_other_programs() -> None:
 
     For a dedicated process: the middleware of ROS 2 receives and sends in its own threads.
     """
-    if hasattr(os, "sched_setscheduler"):
-        with contextlib.suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_OTHER_THREADS))
+    with contextlib.suppress(AttributeError, PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_OTHER_THREADS))
 
 
 def start_child(name: str, target: Callable[..., None], *given: Any) -> tuple[SpawnProcess, Connection]:
@@ -150,10 +146,9 @@ def start_child(name: str, target: Callable[..., None], *given: Any) -> tuple[Sp
 def _at_lower_priority(target: Callable[..., None], *given: Any) -> None:
     # Ctrl-C is handled by the parent, which brakes the neck before ending this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "sched_setscheduler"):
-        with contextlib.suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    if hasattr(os, "nice"):
+    with contextlib.suppress(AttributeError, PermissionError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with contextlib.suppress(AttributeError):
         os.nice(_NICE)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     target(*given)

@@ -1,18 +1,22 @@
-"""Robots of a live run or an identification: construction by name, and approach to the command limits."""
+"""Robots of a live run or an identification: construction, approach to the command limits, reading in a thread."""
 
 from __future__ import annotations
 
 import threading
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from gazempc.errors import RobotError, SettingsError
+from gazempc.errors import RobotError
 from gazempc.live.clock import Clock
+from gazempc.loop.boundary import boundary, slow_calls
 from gazempc.neck.spec import NeckSpec
 from gazempc.part_options import make, options_for
-from gazempc.parts import ADDRESSED, ROBOT, Kind, error_line, find, is_own, split_address
+from gazempc.parts import ROBOT, Kind, error_line, find, is_own, split_address
 from gazempc.robots.options import RobotOptions
 from gazempc.robots.robot import Robot, checked_reading, way_in_rad
 from gazempc.types import FloatArray, JointState
@@ -52,8 +56,7 @@ def make_robot(
         The robot.
 
     Raises:
-        SettingsError: If there is no such robot, an option is invalid or a method is missing. Also for a simulated
-            clock with a robot that requires real time.
+        SettingsError: If there is no such robot, an option is invalid or a method is missing.
     """
     given: dict[str, Any] = {
         "neck": neck,
@@ -62,17 +65,10 @@ def make_robot(
         "position_rad": position_rad,
         "seed": seed,
     }
-    if is_own(choice):
-        own: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
-        return own
-    name, given["address"] = split_address(choice)
-    if name in type(options).model_fields:
-        given["options"] = getattr(options, name)
-    if name in ("ros2", *ADDRESSED) and not clock.is_real:
-        raise SettingsError(f"robot {choice} needs real time")
-    if name == "ros2":
-        given["to_loop_s"] = clock.from_unix_s
-    robot: Robot = make(ROBOT, choice, given, {})
+    if not is_own(choice):
+        name, address = split_address(choice)
+        given |= {"address": address, "options": getattr(options, name, None), "to_loop_s": clock.from_unix_s}
+    robot: Robot = make(ROBOT, choice, given, options_for(ROBOT, choice, options.own))
     return robot
 
 
@@ -165,3 +161,77 @@ class MonotonicRobot:
         """See `gazempc.robots.robot.Robot.read_state`."""
         state = self.wrapped.read_state()
         return None if state is None else replace(state, time_s=self._clock.from_monotonic_s(state.time_s))
+
+
+# Timeout of a command that waits for a reading in progress; after it the command is sent concurrently.
+_PATIENCE_S = 0.012
+
+
+class ReadAside:
+    """A robot whose joints are read in a separate thread, once after each command.
+
+    Calls of the driver are mutually exclusive, except for commands during a reading beyond its timeout.
+
+    Args:
+        robot: The robot, connected.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.wrapped = robot
+        self._reading, self._hangs = threading.Lock(), False
+        self._wake, self._closed = threading.Event(), False
+        self._answer: deque[JointState | BaseException | None] = deque(maxlen=1)
+        # A driver that never returns must not keep the process alive.
+        self._thread = threading.Thread(target=self._work, name="joints", daemon=True)
+        self._thread.start()
+
+    def connect(self) -> None:
+        """See `gazempc.robots.robot.Robot.connect`."""
+        self.wrapped.connect()
+
+    def read_state(self) -> JointState | None:
+        """The reading since the last call; None without one."""
+        answer = self._answer.popleft() if self._answer else None
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Exclusive access to the robot, unless a reading is beyond its timeout."""
+        free = self._reading.acquire(timeout=0.0 if self._hangs else _PATIENCE_S)
+        self._hangs = not free
+        try:
+            yield
+        finally:
+            if free:
+                self._reading.release()
+
+    def send_command(self, position_rad: FloatArray) -> FloatArray:
+        """See `gazempc.robots.robot.Robot.send_command`."""
+        try:
+            with self.alone():
+                return self.wrapped.send_command(position_rad)
+        finally:
+            self._wake.set()
+
+    def slow_calls(self, ended: bool) -> list[TimeoutError | None]:
+        """A slow reading, see `gazempc.loop.boundary.slow_calls`."""
+        return slow_calls(self._thread.ident or 0, ended)
+
+    def close(self) -> None:
+        """Close the robot; waits only briefly for a reading in progress."""
+        self._closed = True
+        self._wake.set()
+        self._thread.join(timeout=1.0)
+        self.wrapped.close()
+
+    def _work(self) -> None:
+        while self._wake.wait() and not self._closed:
+            self._wake.clear()
+            try:
+                with self._reading, boundary(self.wrapped, "read_state"):
+                    answer: JointState | BaseException | None = self.wrapped.read_state()
+            except BaseException as error:
+                answer = error
+            self._answer.append(answer)

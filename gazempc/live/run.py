@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, closing, nullcontext
+from functools import partial
 
 import numpy as np
 
 from gazempc.errors import GazempcError, RobotError
-from gazempc.live.arrivals import Arrivals
-from gazempc.live.aside import ArrivingTarget, ReadAside
+from gazempc.live.arrivals import Arrivals, ArrivingTarget
 from gazempc.live.logs import LiveLogs, LiveReport, LogSink
 from gazempc.live.process import real_time_priority
-from gazempc.live.robots import first_position_rad, go_in
+from gazempc.live.robots import ReadAside, first_position_rad, go_in
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.source import Source, SourceError
 from gazempc.loop.boundary import PartError, boundary, slow_calls
@@ -108,13 +108,11 @@ class LiveRun:
             SourceError: If the source cannot be opened.
             Exception: Any other fault (such as a full disk), after the neck was braked.
         """
-        try:
+        with closing(self):
             if self.start(stop):
                 if on_ready is not None:
                     on_ready()
                 self.serve(stop, duration_s)
-        finally:
-            self.close()
         self.logs.check()
         return self.report
 
@@ -220,18 +218,15 @@ class LiveRun:
                 closing.callback(self._close, source, source.close, Event.SOURCE_FAILED)
             closing.callback(self._close, self._robot, self._robot.close, Event.ROBOT_NOT_ANSWERING)
             if self._smoother is not None and self._neck.takes_speeds:
-                closing.callback(self._close, self._robot, self._stop_speeds, Event.ROBOT_NOT_ANSWERING)
+                # A velocity-controlled joint holds its last speed, possibly a small output of the position loop.
+                standing_rad = np.where(self._neck.speed_joints, 0.0, self.command_rad)
+                stop = partial(self._robot.send_command, standing_rad)
+                closing.callback(self._close, self._robot, stop, Event.ROBOT_NOT_ANSWERING)
             closing.callback(self._note_slow_calls, ended=True)
             # Closed first, as it uses the source.
             closing.callback(self._planner.close)
 
-    def _stop_speeds(self) -> None:
-        # A velocity-controlled joint holds its last speed, possibly a small output of the position loop.
-        assert self._smoother is not None
-        command_rad = self._smoother.command.position_rad
-        self._robot.send_command(np.where(self._neck.speed_joints, 0.0, command_rad))
-
-    def _close(self, part: Robot | Source, close: Callable[[], None], event: Event) -> None:
+    def _close(self, part: Robot | Source, close: Callable[[], object], event: Event) -> None:
         # An exception of `close` must not mask that of the run.
         with boundary(part, "close", lambda error: self.logs.recorder.event(self._clock.now_s(), event, error)):
             close()
@@ -297,7 +292,7 @@ class LiveRun:
         self._note_slow_calls()
         loop.tick(index, now_s, [], due_s)
         if loop.joints is not None:
-            self._target.note_joints(now_s, loop.joints)
+            self._arrivals.note_joints(now_s, loop.joints)
         if self._attention is not None and isinstance(self._setup.several, LookingAway):
             for failure in self._attention(now_s, self._setup.several.state(now_s)):
                 recorder.event(now_s, Event.ATTENTION_NOT_SENT, failure)

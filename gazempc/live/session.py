@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import closing, nullcontext, suppress
 
 import tyro
 
@@ -115,19 +115,16 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     print(f"gazempc.live: source {settings.source}, robot {settings.robot}, neck {neck.name}", flush=True)
     for note in (*setup.notes, *(() if feed is None else feed.notes)):
         print(f"  {note}", flush=True)
-    try:
-        with fast_switching(), without_collection(), status, outlet or nullcontext(), async_warnings():
-            run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
-    except BaseException:
-        # An exception of the summary must not mask that of the run.
-        with suppress(Exception):
-            kept.write(run)
-        raise
-    else:
+    with nullcontext() if feed is None else closing(feed):
+        try:
+            with fast_switching(), without_collection(), status, outlet or nullcontext(), async_warnings():
+                run.run(stop, settings.duration_s, lambda: print("running; Ctrl-C stops", flush=True))
+        except BaseException:
+            # An exception of the summary must not mask that of the run.
+            with suppress(Exception):
+                kept.write(run)
+            raise
         summary = kept.write(run)
-    finally:
-        if feed is not None:
-            feed.close()
     print(text(summary))
     for line in () if feed is None else feed.problems:
         print(f"WARNING {line}")

@@ -22,7 +22,7 @@ from gazempc.live.sources.camera.capture import CAMERA
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.sources.pushed import PushedSource
 from gazempc.live.sources.replay import BagSource, ReplaySource
-from gazempc.live.sources.ros2 import Ros2Person
+from gazempc.live.sources.ros2 import Ros2Input, Ros2Person
 from gazempc.live.sources.ros2_cues import make_cue_source
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.live.sources.source import Source
@@ -45,7 +45,7 @@ from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings
 from gazempc.sim.scene import Scene, make_scene
 from gazempc.specfiles import explain
-from gazempc.types import FloatArray, JointState
+from gazempc.types import FloatArray
 from predictors import Predictor
 
 TrueHeadAt = Callable[[FloatArray], FloatArray]
@@ -117,12 +117,6 @@ class LiveSetup:
     log_s: float = 300.0
     notes: tuple[str, ...] = ()
 
-    @property
-    def true_state(self) -> Callable[[], JointState] | None:
-        """The simulated robot's true joints; None for any other robot."""
-        found: Callable[[], JointState] | None = getattr(self.robot, "true_state", None)
-        return found
-
 
 def build(settings: LiveSettings) -> LiveSetup:
     """Make the parts of a run of the command line.
@@ -146,21 +140,14 @@ def build(settings: LiveSettings) -> LiveSetup:
     stamps = StampReader(settings.stamps, clock) if clock.is_real and settings.source_kind in STAMPED else None
     source = _make_source(settings, neck, clock, scene, stamps)
     chosen = settings.predictor, settings.controller, settings.robot
-    setup = _joined(settings, neck, clock, source, chosen, scene, settings.seed)
+    recording = settings.source if scene is None else scene.name
+    setup = _joined(settings, neck, clock, source, chosen, recording, scene, settings.seed)
     if settings.isolate is not None:
         person = Person() if scene is None else Person(scene.walk.labels.subject)
         make_there = partial(make_predictor, settings.predictor, settings, person, settings.options.own)
         setup = replace(setup, predictor=IsolatedPredictor(make_there))
-    about = {
-        "seed": settings.seed,
-        "recording": settings.source if scene is None else scene.name,
-        "settings": settings.model_dump(mode="json", exclude={"out", "figures"}),
-        # Read at the tick itself; on a real clock a robot is read slightly later.
-        "joints": "true" if settings.simulated_clock and setup.true_state is not None else "measured",
-    }
     return replace(
         setup,
-        about=setup.about.model_copy(update=about),
         make_planner=ImmediatePlanner if settings.simulated_clock else BackgroundPlanner,
         stamps=stamps,
         hints=SetupHints(own_source=stamps is None, judges_rate=settings.source_kind != "camera"),
@@ -206,7 +193,6 @@ def setup_of_gaze(
     people = () if checked.source is None else (_ros2_source(checked.source, checked, clock, stamps),)
     setup = replace(
         setup,
-        about=setup.about.model_copy(update={"settings": checked.model_dump(mode="json")}),
         stamps=stamps,
         hints=SetupHints(python=True),
         more_sources=(*people, *make_cue_source(checked, spec, clock, mounted=checked.source is not None)),
@@ -236,6 +222,7 @@ def _joined(
     clock: Clock,
     source: Source,
     chosen: tuple[str | Predictor, str | Controller, str | Robot],
+    recording: str = "live",
     scene: Scene | None = None,
     seed: int = 0,
 ) -> LiveSetup:
@@ -252,7 +239,7 @@ def _joined(
         check_members(ROBOT, robot)
         ready = MonotonicRobot(robot, clock)
     about = RunInfo(
-        recording="live",
+        recording=recording,
         kind="live" if walk is None else walk.kind,
         subject="unknown" if walk is None else walk.labels.subject,
         group=None if walk is None else walk.labels.group,
@@ -260,9 +247,12 @@ def _joined(
         predictor=name_of(PREDICTOR, predictor),
         neck=neck,
         sensor={"name": "live" if scene is None else scene.sensor.name},
+        seed=seed,
         mode="live",
         robot=name_of(ROBOT, robot),
-        joints="measured",
+        # Read at the tick itself; on a real clock a robot is read slightly later.
+        joints="measured" if clock.is_real or not hasattr(ready, "true_state") else "true",
+        settings=settings.model_dump(mode="json", exclude={"out", "figures"}),
     )
     setup = LiveSetup(about, neck, predictor, controller, ready, source, clock, settings.mount, settings.loop)
     # True identities of several people are not tracked live.
@@ -295,11 +285,9 @@ def _make_source(
         given = {"clock": clock, "clock_s": clock.now_s, "neck": neck, "seed": settings.seed}
         own: Source = make(SOURCE, kind, given, options_for(SOURCE, kind, settings.options.own))
         return own
-    if kind == "camera" and clock.is_real:
-        own_camera = options_for(CAMERA, address, settings.options.own)
-        return CameraSource(address, settings.camera, clock, own=own_camera)
-    if stamps is None:
-        raise SettingsError(f"source {settings.source!r} needs real time")
+    if kind == "camera":
+        return CameraSource(address, settings.camera, clock, options_for(CAMERA, address, settings.options.own))
+    assert stamps is not None  # the other sources need real time
     if kind in ("ros2", "ros4hri"):
         return _ros2_source(settings.source, settings, clock, stamps)
     wire: Wire = StandardInput()
@@ -311,11 +299,12 @@ def _make_source(
 
 def _ros2_source(source: str, settings: MountedSettings, clock: Clock, stamps: StampReader) -> Source:
     """The source of ``ros2:TOPIC`` or ``ros4hri``."""
-    (kind, _, topic), ros2 = source.partition(":"), settings.options.ros2
+    kind, _, topic = source.partition(":")
+    given = Ros2Input(clock.now_s, stamps.now_loop_s, settings.options.ros2)
     if kind == "ros4hri":
-        return Ros4HriPeople(clock.now_s, stamps.now_loop_s, ros2)
+        return Ros4HriPeople(given)
     if kind == "ros2":
-        return Ros2Person(topic, clock.now_s, stamps.now_loop_s, ros2, settings.mount.axes != "flu")
+        return Ros2Person(topic, given, settings.mount.axes != "flu")
     raise SettingsError(f"source {source!r}: accepted: ros2:TOPIC, ros4hri")
 
 

@@ -229,12 +229,8 @@ def _constant_stamps(stamps_s: FloatArray, hints: SetupHints) -> str:
 
 def _known_clocks(reader: StampReader | None, clock: Clock) -> dict[str, float]:
     """Readings of this computer's clocks at the zero of the loop's, seconds; first the clock of the stamps."""
-    known: dict[str, float] = {}
-    if clock.is_real:
-        known = {"unix": -clock.from_unix_s(0.0), "monotonic": -clock.from_monotonic_s(0.0)}
-    if reader is None:
-        return {"loop": 0.0, **known}
-    return {reader.stamps.clock: known[reader.stamps.clock], **known}
+    known = {"unix": -clock.from_unix_s(0.0), "monotonic": -clock.from_monotonic_s(0.0)} if clock.is_real else {}
+    return ({"loop": 0.0} if reader is None else {reader.stamps.clock: known[reader.stamps.clock]}) | known
 
 
 def _likely_clock(

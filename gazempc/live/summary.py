@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -89,9 +90,13 @@ class KeptLogs:
             Its content.
         """
         report, late, latency = run.report, run.report.lateness, self._latency
-        metrics, compute = self._metrics()
         ages_s = report.least_age_s, report.greatest_age_s
-        kind = "" if self._last is None else self._last[0].run.kind
+        kind, metrics, compute = "", None, None
+        if self._last is not None:
+            log, times = self._last
+            kind, compute = log.run.kind, without_nan(vars(measure_compute(times, self._neck.control_period_s)))
+            with suppress(LeftOutError, ValueError):  # too short to be scored, or truncated by a fault
+                metrics = without_nan(measure(log).as_dict())
         summary = {
             "stopped_by": report.stopped_by,
             "ticks": report.ticks,
@@ -157,16 +162,6 @@ class KeptLogs:
             return []
         pictures = [self._settings.out / name for name in drawn]
         return [write_page(live_page(summary, self._last[0], MEANINGS, pictures, command), self._settings.out)]
-
-    def _metrics(self) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
-        if self._last is None:
-            return None, None
-        log, times = self._last
-        compute = without_nan(vars(measure_compute(times, self._neck.control_period_s)))
-        try:
-            return without_nan(measure(log).as_dict()), compute
-        except (LeftOutError, ValueError):
-            return None, compute  # too short to be scored, or truncated by a fault
 
 
 def text(summary: dict[str, Any]) -> str:

@@ -70,7 +70,7 @@ class PerfectOfCrowd(Perfect):
 
     def update(self, observation: HeadObservation) -> None:
         """Process one observation; see `predictors.predictor.Predictor.update`."""
-        if self._issued_at_s is None:
+        if self._last is None:
             seen_m, captured_s = observation.head_position_base_m, observation.capture_time_s
             away_m = [float(np.linalg.norm(head([captured_s])[0] - seen_m)) for head in self._heads]
             self._true_position_base_m = self._heads[int(np.argmin(away_m))]

@@ -7,6 +7,9 @@ from types import SimpleNamespace
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from gazempc.live.sources.ros2 import Ros2Input
+from gazempc.robots.options import Ros2Options
+
 OPTICAL = "camera_color_optical_frame"
 TF, IDS, TEXT = "tf2_msgs/msg/TFMessage", "hri_msgs/msg/IdsList", "std_msgs/msg/String"
 POINT, WITH_COVARIANCE = "geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -147,9 +150,8 @@ class Stage:
     def clock_s(self):
         return self.now_s
 
-    @staticmethod
-    def to_loop_s(unix_s):
-        return unix_s - UNIX_START_S
+    def given(self, **options):
+        return Ros2Input(self.clock_s, lambda unix_s: unix_s - UNIX_START_S, Ros2Options(**options), self.make_node)
 
     def put(self, topic, type_name, message, latched=False):
         if latched:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -35,101 +36,116 @@ _UNNAMED = "_NODE_NAME_UNKNOWN_"
 _DISCOVERY_S = 3.0
 
 
-class Ros2Source(ABC):
-    """Common part of the sources on ROS 2 topics.
+@dataclass(frozen=True)
+class Ros2Input:
+    """Clocks, options and node of a source on ROS 2 topics.
 
-    Args:
-        name: Name of the source in messages.
-        node_name: Name of this program in the graph of ROS 2.
+    Attributes:
         clock_s: The loop's clock, seconds.
         to_loop_s: Converts Unix time in seconds to the loop's clock.
         options: Topics, types, frames and clock.
         make_node: Makes the node.
-        uses_tf: Whether it listens to the frames of tf.
     """
 
-    def __init__(
-        self,
-        name: str,
-        node_name: str,
-        clock_s: Callable[[], float],
-        to_loop_s: Callable[[float], float],
-        options: Ros2Options,
-        make_node: MakeNode,
-        uses_tf: bool,
-    ) -> None:
-        self._name, self._node_name, self._options, self._uses_tf = name, node_name, options, uses_tf
-        self._clock_s, self._unix_to_loop_s, self._make_node = clock_s, to_loop_s, make_node
+    clock_s: Callable[[], float]
+    to_loop_s: Callable[[float], float]
+    options: Ros2Options
+    make_node: MakeNode = Ros2Node
+
+
+class Ros2Source(ABC):
+    """Common part of the sources on ROS 2 topics.
+
+    Args:
+        given: Clocks, options and node.
+        name: Name of the source in messages.
+        node_name: Name of this program in the graph of ROS 2.
+        uses_tf: Whether it listens to the frames of tf; default: if the options name a base frame.
+    """
+
+    def __init__(self, given: Ros2Input, name: str, node_name: str, uses_tf: bool = False) -> None:
+        self._given, self._options, self._name, self._node_name = given, given.options, name, node_name
+        self._uses_tf = uses_tf or given.options.base_frame is not None
         self._node: Ros2Node | None = None
+        self._tf: TfListener | None = None
+        self._transforms = Transforms()
+        # Time and unusable messages of the present poll.
+        self._now_s, self._problems = 0.0, list[str]()
         # Messages with frames that may be unknown yet, each with its timeout.
         self._waiting: list[tuple[Any, float]] = []
 
     def _placed(
-        self,
-        arrived: Iterable[Any],
-        take: Callable[[Any], _T | None],
-        named: Callable[[Any], str],
-        now_s: float,
-        problems: list[str],
+        self, arrived: Iterable[Any], take: Callable[[Any], _T | None], named: Callable[[Any], str]
     ) -> list[_T]:
-        """As `used`, for new and pending messages; a message in a frame unknown to tf remains pending."""
-        waiting = [*self._waiting, *((message, now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
+        """As `_used`, for new and pending messages; a message in a frame unknown to tf remains pending."""
+        waiting = [*self._waiting, *((message, self._now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
         self._waiting = []
 
         def placed(each: tuple[Any, float]) -> _T | None:
             try:
                 return take(each[0])
             except FrameError:
-                if now_s >= each[1]:
+                if self._now_s >= each[1]:
                     raise
                 self._waiting.append(each)
                 return None
 
-        return [found for each in waiting for found in used([each], placed, named(each[0]), problems)]
+        return [found for each in waiting for found in self._used([each], placed, named(each[0]))]
 
-    def _to_loop_s(self, ros_s: float) -> float:
-        """A stamp on the loop's clock, seconds."""
-        return self._unix_to_loop_s(ros_s if self._node is None else self._node.unix_s(ros_s))
+    def _used(self, messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str) -> list[_T]:
+        """Results of messages that can be used; the others are problems with the topic's name."""
+        found: list[_T] = []
+        for message in messages:
+            try:
+                result = take(message)
+            except ValueError as error:
+                self._problems.append(f"{topic}: {error}")
+            else:
+                found += [] if result is None else [result]
+        return found
+
+    def _loop_s(self, ros_s: float) -> float:
+        """A stamp on the loop's clock, seconds. Raises Ros2Error if the clocks cannot agree."""
+        unix_s = ros_s if self._node is None else self._node.unix_s(ros_s)
+        return on_loop_clock(unix_s, self._given.to_loop_s, self._now_s)
 
     @abstractmethod
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         """Subscribe; returns the topics with monitored publishers."""
 
     @abstractmethod
-    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        """Process messages, after those of tf; problems are appended. Raises Ros2Error if the node is closed."""
+    def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+        """Process messages, after those of tf. Raises Ros2Error if the node is closed."""
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; does not wait for a sender."""
-        if self._node is not None:
-            return
         try:
-            self._node = self._make_node(self._node_name, self._options.use_sim_time)
-            self._tf = TfListener(self._node) if self._uses_tf else None
-            self._watched = {**self._subscribe(self._node), **({} if self._tf is None else self._tf.topics)}
+            self._node = self._given.make_node(self._node_name, self._options.use_sim_time)
+            self._watched = dict(self._subscribe(self._node))
+            if self._uses_tf:
+                self._tf = TfListener(self._node)
+                self._transforms = self._tf.transforms
+                self._watched |= self._tf.topics
         except Ros2Error as error:
             self.close()
             raise SourceError(f"{self._name}: {error}") from None
         self._waiting.clear()
-        self._silent: set[str] = set()
-        self._several: set[str] = set()
-        self._watch_due_s = self._clock_s() + _DISCOVERY_S
+        self._silent, self._several = set[str](), set[str]()
+        self._watch_due_s = self._given.clock_s() + _DISCOVERY_S
 
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
         if self._node is None:
             return Arrived()
-        now_s = self._clock_s()
-        problems: list[str] = []
-        sightings: Iterable[Sighting] = ()
-        cues: Iterable[Cue] = ()
+        self._now_s, self._problems = self._given.clock_s(), []
         try:
             if self._tf is not None:
-                self._tf.listen(problems)
-            sightings, cues = self._process(now_s, problems)
+                self._tf.listen(self._problems)
+            sightings, cues = self._process()
         except Ros2Error as error:
-            problems.append(f"{self._name}: {error}")
-        return Arrived(tuple(sightings), tuple(problems), self._watch_senders(now_s), tuple(cues))
+            sightings, cues = (), ()
+            self._problems.append(f"{self._name}: {error}")
+        return Arrived(tuple(sightings), tuple(self._problems), self._watch_senders(), tuple(cues))
 
     @property
     def finished(self) -> bool:
@@ -142,11 +158,11 @@ class Ros2Source(ABC):
             self._node.close()
         self._node = None
 
-    def _watch_senders(self, now_s: float) -> tuple[Notice, ...]:
+    def _watch_senders(self) -> tuple[Notice, ...]:
         """Notices of topics that newly have no publisher, or newly have several (allowed for tf)."""
-        if now_s < self._watch_due_s:
+        if self._now_s < self._watch_due_s:
             return ()
-        self._watch_due_s = now_s + _DISCOVERY_S
+        self._watch_due_s = self._now_s + _DISCOVERY_S
         senders = {name: topic.senders for name, topic in self._watched.items()}
         silent = {name for name, nodes in senders.items() if not nodes}
         # A new end is in the graph before the name of its node: the notice waits until every name is known.
@@ -163,19 +179,6 @@ class Ros2Source(ABC):
             text = ", ".join(f"{name} ({' and '.join(sorted(senders[name]))})" for name in twice)
             notices.append(Notice(Event.SEVERAL_SENDERS, f"several nodes send on {text}: stop all but one", 0))
         return tuple(notices)
-
-
-def used(messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str, problems: list[str]) -> list[_T]:
-    """Results of messages that can be used; for others the problem is appended with the topic's name."""
-    found: list[_T] = []
-    for message in messages:
-        try:
-            result = take(message)
-        except ValueError as error:
-            problems.append(f"{topic}: {error}")
-        else:
-            found += [] if result is None else [result]
-    return found
 
 
 class TfListener:
@@ -232,47 +235,33 @@ class Ros2Person(Ros2Source):
 
     Args:
         topic: Topic of the heads.
-        clock_s: The loop's clock, seconds.
-        to_loop_s: Converts Unix time in seconds to the loop's clock.
-        options: Message type, frames and clock.
+        given: Clocks, options and node.
         optical: Whether frames with optical axes are accepted: the mount converts them.
-        make_node: Makes the node.
 
     Raises:
         SettingsError: If ROS 2 allows no such topic.
     """
 
-    def __init__(
-        self,
-        topic: str,
-        clock_s: Callable[[], float],
-        to_loop_s: Callable[[float], float],
-        options: Ros2Options,
-        optical: bool = False,
-        make_node: MakeNode = Ros2Node,
-    ) -> None:
+    def __init__(self, topic: str, given: Ros2Input, optical: bool = False) -> None:
         self._topic, self._optical = topic_name(topic), optical
-        name, uses_tf = f"ROS 2 topic {self._topic}", options.base_frame is not None
-        super().__init__(name, "gazempc_person", clock_s, to_loop_s, options, make_node, uses_tf)
+        super().__init__(given, f"ROS 2 topic {self._topic}", "gazempc_person")
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         self._poses = node.subscription(self._topic, self._options.pose_type)
         return {self._topic: self._poses}
 
-    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        found = self._placed(
-            self._poses.take(), lambda each: self._seen(each, now_s, problems), lambda _: self._topic, now_s, problems
-        )
-        return [Sighting(now_s, observation) for seen in found for observation in seen], ()
+    def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+        found = self._placed(self._poses.take(), self._seen, lambda _: self._topic)
+        return [Sighting(self._now_s, observation) for seen in found for observation in seen], ()
 
-    def _seen(self, message: Any, now_s: float, problems: list[str]) -> list[HeadObservation]:
+    def _seen(self, message: Any) -> list[HeadObservation]:
         """Heads of a message."""
         header = message.header
         time_s = stamp_s(header.stamp)
-        captured_s = on_loop_clock(time_s, self._to_loop_s, now_s)
+        captured_s = self._loop_s(time_s)
         frame, base_frame, pose = header.frame_id.lstrip("/"), self._options.base_frame, None
-        if base_frame is not None and self._tf is not None:
-            pose = self._tf.transforms.pose(frame, base_frame, time_s)
+        if base_frame is not None:
+            pose = self._transforms.pose(frame, base_frame, time_s)
         elif not self._optical and frame.endswith("optical_frame"):
             raise Ros2Error(
                 f"a pose is in the frame {frame!r}, whose z points forward: expected x forward, z up; for optical "
@@ -280,7 +269,7 @@ class Ros2Person(Ros2Source):
             )
         # Heads of a message are validated individually.
         heads = _heads(message, self._options.pose_type)
-        return used(heads, lambda head: _observation(head, captured_s, pose), self._topic, problems)
+        return self._used(heads, lambda head: _observation(head, captured_s, pose), self._topic)
 
 
 def _heads(message: Any, pose_type: str) -> list[_Head]:

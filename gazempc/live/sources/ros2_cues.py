@@ -12,12 +12,11 @@ from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock
 from gazempc.live.mount import Mount, placed
 from gazempc.live.settings import MountedSettings
-from gazempc.live.sources.ros2 import Ros2Source, used
+from gazempc.live.sources.ros2 import Ros2Input, Ros2Source
 from gazempc.neck.spec import NeckSpec
 from gazempc.people.company import Cue, Glance, Sound
-from gazempc.robots.options import Ros2Options
-from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
-from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
+from gazempc.ros2.messages import Ros2Error, stamp_s, topic_name
+from gazempc.ros2.node import Ros2Node, Subscription
 from gazempc.types import FloatArray, Sighting
 
 _POINT = "geometry_msgs/msg/PointStamped"
@@ -33,66 +32,48 @@ class Ros2Cues(Ros2Source):
     """Subscribes to the topics of cues in the options.
 
     Args:
-        clock_s: The loop's clock, seconds.
-        to_loop_s: Converts Unix time in seconds to the loop's clock.
-        options: Topics and frames. A point needs a base frame.
+        given: Clocks, node, and options with topics and frames. A point needs a base frame.
         to_base: From the base frame of the options to the neck's, both shape (3,), metres.
-        make_node: Makes the node.
 
     Raises:
         SettingsError: If ROS 2 allows no such topic.
     """
 
-    def __init__(
-        self,
-        clock_s: Callable[[], float],
-        to_loop_s: Callable[[float], float],
-        options: Ros2Options,
-        to_base: Callable[[FloatArray], FloatArray],
-        make_node: MakeNode = Ros2Node,
-    ) -> None:
-        self._to_base = to_base
+    def __init__(self, given: Ros2Input, to_base: Callable[[FloatArray], FloatArray]) -> None:
+        self._to_base, options = to_base, given.options
         self._point_topic = "" if options.point_topic is None else topic_name(options.point_topic)
         self._sound_topic = "" if options.sound_topic is None else topic_name(options.sound_topic)
-        name = self._point_topic or self._sound_topic
-        super().__init__(name, "gazempc_cues", clock_s, to_loop_s, options, make_node, options.base_frame is not None)
-        self._topics: dict[str, Subscription] = {}
+        super().__init__(given, self._point_topic or self._sound_topic, "gazempc_cues")
         self._pointed_s, self._pointed_m = -math.inf, np.full(3, np.inf)
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         kinds = {self._point_topic: _POINT, self._sound_topic: self._options.sound_type}
-        self._topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
-        return self._topics
+        topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
+        self._topics = topics.get(self._point_topic), topics.get(self._sound_topic)
+        return topics
 
-    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        cues: list[Cue] = []
-        if self._sound_topic:
-            sounds = self._topics[self._sound_topic].take()
-            cues += used(sounds, lambda message: self._sound(message, now_s), self._sound_topic, problems)
-        if self._point_topic:
-            points = self._topics[self._point_topic].take()
-            cues += self._placed(
-                points, lambda point: self._glance(point, now_s), lambda _: self._point_topic, now_s, problems
-            )
-        return (), cues
+    def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+        points, sounds = ([] if topic is None else topic.take() for topic in self._topics)
+        heard = self._used(sounds, self._sound, self._sound_topic)
+        return (), [*heard, *self._placed(points, self._glance, lambda _: self._point_topic)]
 
-    def _sound(self, message: Any, now_s: float) -> Sound:
+    def _sound(self, message: Any) -> Sound:
         in_degrees = self._options.sound_type == "std_msgs/msg/Int32"
         azimuth_rad = math.radians(message.data) if in_degrees else float(message.data)
         if not abs(azimuth_rad) <= _TURN_RAD:
             wanted = "degrees, at most 360" if in_degrees else "radians, at most a whole turn"
             raise Ros2Error(f"a direction of sound is {message.data}: expected {wanted}, positive to the left")
-        if self._options.sound_frame is None or self._options.base_frame is None or self._tf is None:
-            return Sound(now_s, azimuth_rad)
-        pose = self._tf.transforms.pose(self._options.sound_frame, self._options.base_frame)
+        if self._options.sound_frame is None or self._options.base_frame is None:
+            return Sound(self._now_s, azimuth_rad)
+        pose = self._transforms.pose(self._options.sound_frame, self._options.base_frame)
         ahead = pose[:3, :3] @ np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0])
         x, y, _ = self._to_base(ahead) - self._to_base(np.zeros(3))
-        return Sound(now_s, math.atan2(y, x))
+        return Sound(self._now_s, math.atan2(y, x))
 
-    def _glance(self, message: Any, now_s: float) -> Glance | None:
+    def _glance(self, message: Any) -> Glance | None:
         header, point, base_frame = message.header, message.point, self._options.base_frame
         frame, place_m = header.frame_id.lstrip("/"), np.array([point.x, point.y, point.z, 1.0])
-        if base_frame is None or self._tf is None:
+        if base_frame is None:
             raise Ros2Error("a point needs options.ros2.base_frame")
         if not frame:
             raise Ros2Error("a point's header names no frame")
@@ -101,13 +82,13 @@ class Ros2Cues(Ros2Source):
         # Without a stamp: now, as is usual in tf.
         time_s = stamp_s(header.stamp) if header.stamp.sec or header.stamp.nanosec else None
         if time_s is not None:
-            on_loop_clock(time_s, self._to_loop_s, now_s)
-        pose = self._tf.transforms.pose(frame, base_frame, time_s)
+            self._loop_s(time_s)
+        pose = self._transforms.pose(frame, base_frame, time_s)
         target_m = self._to_base((pose @ place_m)[:3])
         if np.linalg.norm(target_m) < _NEAREST_M:
             raise Ros2Error(f"a point is in the neck itself, at {target_m.round(3).tolist()} m of its base")
-        again = now_s - self._pointed_s < _SAME_S and math.dist(target_m, self._pointed_m) < _SAME_M
-        self._pointed_s = now_s
+        again = self._now_s - self._pointed_s < _SAME_S and math.dist(target_m, self._pointed_m) < _SAME_M
+        self._pointed_s = self._now_s
         if again:
             return None
         self._pointed_m = target_m
@@ -148,4 +129,4 @@ def make_cue_source(settings: MountedSettings, neck: NeckSpec, clock: Clock, mou
         if applies:
             raise SettingsError(message)
     mount = settings.mount if mounted else Mount()
-    return (Ros2Cues(clock.now_s, clock.from_unix_s, ros2, lambda place_m: placed(mount, neck, place_m)),)
+    return (Ros2Cues(Ros2Input(clock.now_s, clock.from_unix_s, ros2), lambda place_m: placed(mount, neck, place_m)),)

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gazempc.live.sources.ros2 import Ros2Source, used
+from gazempc.live.sources.ros2 import Ros2Input, Ros2Source
 from gazempc.people.company import Cue
 from gazempc.recordings.readers.bag import is_person
 from gazempc.recordings.readers.bag_frames import Poses, forward
-from gazempc.robots.options import Ros2Options
-from gazempc.ros2.messages import FrameError, on_loop_clock
-from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
+from gazempc.ros2.messages import FrameError, Ros2Error
+from gazempc.ros2.node import Ros2Node, Subscription
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
@@ -50,25 +49,14 @@ class Ros4HriPeople(Ros2Source):
     of the tracker's list are ignored.
 
     Args:
-        clock_s: The loop's clock, seconds.
-        to_loop_s: Converts Unix time in seconds to the loop's clock.
-        options: Clock, and the tf frame of the positions, on the robot. Without it the frame of the tracker's sensor,
-            with optical axes converted to x forward. The mount gives the pose of this frame.
-        make_node: Makes the node.
+        given: Clocks, node, and options with the tf frame of the positions, on the robot. Without it the frame of the
+            tracker's sensor, with optical axes converted to x forward. The mount gives the pose of this frame.
     """
 
-    def __init__(
-        self,
-        clock_s: Callable[[], float],
-        to_loop_s: Callable[[float], float],
-        options: Ros2Options,
-        make_node: MakeNode = Ros2Node,
-    ) -> None:
-        super().__init__("ROS4HRI", "gazempc_people", clock_s, to_loop_s, options, make_node, uses_tf=True)
+    def __init__(self, given: Ros2Input) -> None:
+        super().__init__(given, "ROS4HRI", "gazempc_people", uses_tf=True)
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
-        assert self._tf is not None
-        self._transforms = self._tf.transforms
         self._lists = {
             part: node.subscription(topic, "hri_msgs/msg/IdsList", latched=True) for part, topic in _LISTS.items()
         }
@@ -81,18 +69,18 @@ class Ros4HriPeople(Ros2Source):
         self._sensor_frame: str | None = None
         return {}
 
-    def _process(self, now_s: float, problems: list[str]) -> tuple[Iterable[Sighting], Iterable[Cue]]:
+    def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
         assert self._tf is not None
         self._listen()
         heads: list[_Head] = []
         for frame, time_s in self._tf.moved:
             for name in filter(self._is_head, self._transforms.moved_with(frame)):
-                captured = used(
-                    [time_s], lambda at_s: on_loop_clock(at_s, self._to_loop_s, now_s), f"/tf, {name}", problems
-                )
-                heads += [_Head(name, time_s, each_s) for each_s in captured]
-        seen = self._placed(heads, self._seen, lambda head: f"/tf, {head.name}", now_s, problems)
-        return [Sighting(now_s, each) for each in seen], ()
+                try:
+                    heads.append(_Head(name, time_s, self._loop_s(time_s)))
+                except Ros2Error as error:
+                    self._problems.append(f"/tf, {name}: {error}")
+        seen = self._placed(heads, self._seen, lambda head: f"/tf, {head.name}")
+        return [Sighting(self._now_s, each) for each in seen], ()
 
     def _listen(self) -> None:
         """Process lists and matches."""

@@ -8,6 +8,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
+from functools import partial
 
 from gazempc.live.clock import Clock
 from gazempc.live.sources.json_lines import LineError, is_cue, parse_cue, parse_line
@@ -127,11 +129,7 @@ class LineSource:
     """
 
     def __init__(
-        self,
-        wire: Wire,
-        clock: Clock,
-        stamps: StampReader | None = None,
-        senders: Senders | None = None,
+        self, wire: Wire, clock: Clock, stamps: StampReader | None = None, senders: Senders | None = None
     ) -> None:
         self._wire, self._clock = wire, clock
         self._stamps = stamps or StampReader(Stamps(), clock)
@@ -141,7 +139,7 @@ class LineSource:
         self._thread = threading.Thread(target=self._work, name="source", daemon=True)
         # Guards all below; held for a few microseconds at most.
         self._lock = threading.Lock()
-        self._arrived: deque[Sighting] = deque()
+        self._arrived: deque[Sighting] = deque(maxlen=_WAITING_MAX)
         self._cues: deque[Cue] = deque(maxlen=_WAITING_MAX)
         self._problems: list[str] = []
         # By event: first text and number of observations.
@@ -165,14 +163,13 @@ class LineSource:
     def poll(self) -> Arrived:
         """See `gazempc.live.sources.source.Source.poll`."""
         with self._lock:
-            sightings, self._arrived = self._arrived, deque()
-            notices, self._notices = self._notices, {}
-            problems, cues = tuple(self._problems), tuple(self._cues)
-            self._problems = []
-            self._cues.clear()
+            sightings, problems, cues = tuple(self._arrived), tuple(self._problems), tuple(self._cues)
+            notices = tuple(Notice(event, *each) for event, each in self._notices.items())
+            for queue in (self._arrived, self._problems, self._cues, self._notices):
+                queue.clear()
         # Datagrams may arrive out of order.
         in_order = sorted(sightings, key=lambda each: each.observation.capture_time_s)
-        return Arrived(tuple(in_order), problems, tuple(Notice(event, *each) for event, each in notices.items()), cues)
+        return Arrived(tuple(in_order), problems, notices, cues)
 
     @property
     def finished(self) -> bool:
@@ -196,10 +193,9 @@ class LineSource:
             self._ended.set()
 
     def _read(self) -> list[Chunk] | None:
-        try:
+        with suppress(OSError):
             return self._wire.read()
-        except OSError:
-            return None
+        return None
 
     def _take(self, chunks: list[Chunk]) -> None:
         now_s = self._clock.now_s()
@@ -248,28 +244,22 @@ class LineSource:
         self._problem(f"longer than {LINE_MAX} bytes")
 
     def _parse(self, line: bytes, sender: Address | None, arrival_s: float) -> None:
+        text, to_loop_s = line.decode("utf-8", errors="replace"), partial(self._stamps.loop_s, arrival_s=arrival_s)
         try:
-            text = line.decode("utf-8", errors="replace")
-            cue = parse_cue(text, arrival_s) if is_cue(text) else None
-            sighting = None if cue is not None else Sighting(arrival_s, self._observation(text, arrival_s))
+            found = parse_cue(text, arrival_s) if is_cue(text) else parse_line(text, arrival_s, to_loop_s)
         except LineError as error:
-            return self._problem(str(error))
+            self._problem(str(error))
+            return
         if sender is not None:
             self._senders.register(sender, arrival_s)
         with self._lock:
-            if cue is not None:
-                self._cues.append(cue)
-            if sighting is not None:
-                self._arrived.append(sighting)
-            full = len(self._arrived) > _WAITING_MAX
-            if full:
-                self._arrived.popleft()
+            full = isinstance(found, HeadObservation) and len(self._arrived) == _WAITING_MAX
+            if isinstance(found, HeadObservation):
+                self._arrived.append(Sighting(arrival_s, found))
+            else:
+                self._cues.append(found)
         if full:
             self._note(Event.OBSERVATIONS_DROPPED, "the queue of observations is full")
-        return None
-
-    def _observation(self, text: str, arrival_s: float) -> HeadObservation:
-        return parse_line(text, arrival_s, lambda stamp: self._stamps.loop_s(stamp, arrival_s))
 
     def _problem(self, why: str) -> None:
         text = f"{self._wire.name}, line {self._lines}: {why}"

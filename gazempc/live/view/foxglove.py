@@ -6,24 +6,7 @@ from collections import deque
 from pathlib import Path
 
 import foxglove
-from foxglove.layouts import (
-    BaseRendererGridLayerSettings,
-    BaseRendererSceneUpdateTopicSettings,
-    ImageConfig,
-    ImageModeConfig,
-    ImagePanel,
-    Layout,
-    LogConfig,
-    LogPanel,
-    PlotConfig,
-    PlotPanel,
-    PlotSeries,
-    SplitContainer,
-    SplitItem,
-    ThreeDeeCameraState,
-    ThreeDeeConfig,
-    ThreeDeePanel,
-)
+from foxglove import layouts
 
 from gazempc.errors import SettingsError
 from gazempc.live.view.orders import LogKept, named
@@ -43,6 +26,8 @@ class FoxgloveServer:
 
     Attributes:
         url: Address for Foxglove.
+        take: Sends a moment.
+        close: Closes all connections.
 
     Raises:
         SettingsError: If the address cannot be used.
@@ -52,25 +37,12 @@ class FoxgloveServer:
         # Channels end with their context.
         self._context = foxglove.Context()
         try:
-            self._server = foxglove.start_server(
-                name=f"gazempc {run.recording}", host=host, port=port, context=self._context
-            )
+            name = f"gazempc {run.recording}"
+            self._server = foxglove.start_server(name=name, host=host, port=port, context=self._context)
         except (OSError, RuntimeError) as error:
             raise SettingsError(f"--view-at {host}:{port}: {error}; another port: --view-at {host}:PORT") from None
         self.url = f"ws://{named(host)}:{self._server.port}"
-        self._channels = Channels(run, self._context)
-
-    def take(self, moment: Moment) -> None:
-        """Send a moment.
-
-        Args:
-            moment: The moment.
-        """
-        self._channels.write(moment)
-
-    def close(self) -> None:
-        """Close all connections."""
-        self._server.stop()
+        self.take, self.close = Channels(run, self._context).write, self._server.stop
 
 
 _SHOWN_S = 30.0
@@ -84,14 +56,14 @@ def write_layout(path: Path, neck: NeckSpec, camera: bool) -> None:
         neck: The neck, whose joints are plotted.
         camera: Whether the run has pictures of a camera.
     """
-    scene = ThreeDeePanel(
+    scene = layouts.ThreeDeePanel(
         title="Person, forecast and gaze",
-        config=ThreeDeeConfig(
+        config=layouts.ThreeDeeConfig(
             follow_tf="base",
             fixed_frame="base",
-            camera_state=ThreeDeeCameraState(distance=8.0, perspective=True, phi=50.0, theta_offset=90.0),
-            layers={"grid": BaseRendererGridLayerSettings(frame_id="base", size=10.0, divisions=10.0)},
-            topics={"/scene": BaseRendererSceneUpdateTopicSettings(visible=True)},
+            camera_state=layouts.ThreeDeeCameraState(distance=8.0, perspective=True, phi=50.0, theta_offset=90.0),
+            layers={"grid": layouts.BaseRendererGridLayerSettings(frame_id="base", size=10.0, divisions=10.0)},
+            topics={"/scene": layouts.BaseRendererSceneUpdateTopicSettings(visible=True)},
         ),
     )
     error = _plot(
@@ -106,25 +78,20 @@ def write_layout(path: Path, neck: NeckSpec, camera: bool) -> None:
         "Joints and commands, radians",
         {f"{name} {kind}": f"/ticks.{kind}_{name}_rad" for name in neck.joint_names for kind in ("joint", "command")},
     )
-    events = LogPanel(title="Events", config=LogConfig(topic_to_render="/events"))
-    picture = ImagePanel(title="Camera", config=ImageConfig(image_mode=ImageModeConfig(image_topic="/camera")))
-    left = [SplitItem(proportion=2, content=scene), SplitItem(content=events)]
-    right = [SplitItem(content=each) for each in ([picture] if camera else []) + [error, times, joints]]
-    layout = Layout(
-        content=SplitContainer(
-            direction="row",
-            items=[
-                SplitItem(content=SplitContainer(direction="column", items=left)),
-                SplitItem(content=SplitContainer(direction="column", items=right)),
-            ],
-        )
+    events = layouts.LogPanel(title="Events", config=layouts.LogConfig(topic_to_render="/events"))
+    picture = layouts.ImagePanel(
+        title="Camera", config=layouts.ImageConfig(image_mode=layouts.ImageModeConfig(image_topic="/camera"))
     )
-    path.write_text(layout.to_json() + "\n", encoding="utf-8")
+    left = [layouts.SplitItem(proportion=2, content=scene), layouts.SplitItem(content=events)]
+    right = [layouts.SplitItem(content=each) for each in ([picture] if camera else []) + [error, times, joints]]
+    columns = [layouts.SplitContainer(direction="column", items=items) for items in (left, right)]
+    row = layouts.SplitContainer(direction="row", items=[layouts.SplitItem(content=each) for each in columns])
+    path.write_text(layouts.Layout(content=row).to_json() + "\n", encoding="utf-8")
 
 
-def _plot(title: str, paths: dict[str, str]) -> PlotPanel:
-    series = [PlotSeries(label=label, value=value, enabled=True) for label, value in paths.items()]
-    return PlotPanel(title=title, config=PlotConfig(paths=series, following_view_width=_SHOWN_S))
+def _plot(title: str, paths: dict[str, str]) -> layouts.PlotPanel:
+    series = [layouts.PlotSeries(label=label, value=value, enabled=True) for label, value in paths.items()]
+    return layouts.PlotPanel(title=title, config=layouts.PlotConfig(paths=series, following_view_width=_SHOWN_S))
 
 
 # Maximum loss of data if the run is killed.
@@ -148,8 +115,9 @@ class McapFiles:
         self._lost = 0
         self._begun = False
         self._flush_s = 0.0
-        self._complete: deque[McapWriter] = deque()
-        self._open: tuple[McapWriter, Channels] | None = self._next()
+        # Oldest first; the last one is open while there are channels.
+        self._writers: deque[McapWriter] = deque()
+        self._channels: Channels | None = self._next()
 
     def take(self, moment: Moment | LogKept) -> None:
         """Write a moment.
@@ -163,37 +131,33 @@ class McapFiles:
         """
         if isinstance(moment, LogKept):
             self._finish(moment)
-        elif not isinstance(moment, CutMoment):
-            self._open = self._open or self._next()
-            writer, channels = self._open
-            channels.write(moment)
+        elif isinstance(moment, CutMoment):
+            self._channels = None
+        else:
+            self._channels = self._channels or self._next()
+            self._channels.write(moment)
             self._begun = True
             if isinstance(moment, TickMoment) and moment.time_s >= self._flush_s:
                 self._flush_s = moment.time_s + _FLUSH_EVERY_S
-                writer.flush()
-        elif self._open is not None:
-            self._complete.append(self._open[0])
-            self._open = None
+                self._writers[-1].flush()
 
     def close(self) -> None:
         """Close the open file. Without its log a file has all channels; one without a tick is removed."""
-        if self._open is not None:
-            self._complete.append(self._open[0])
-        while self._complete:
-            self._complete.popleft().close()
+        while self._writers:
+            self._writers.popleft().close()
         if not self._begun:
             self._path(0).unlink(missing_ok=True)
 
-    def _next(self) -> tuple[McapWriter, Channels]:
-        writer = McapWriter(self._run, self._path(self._number))
+    def _next(self) -> Channels:
+        self._writers.append(McapWriter(self._run, self._path(self._number)))
         self._number += 1
-        return writer, Channels(self._run, writer.context)
+        return Channels(self._run, self._writers[-1].context)
 
     def _path(self, number: int) -> Path:
         return self._folder / f"log_{number:03}.mcap"
 
     def _finish(self, kept: LogKept) -> None:
-        writer = self._complete.popleft()
+        writer = self._writers.popleft()
         lost, self._lost = kept.lost - self._lost, kept.lost
         writer.note("gazempc_lost", {"moments": str(lost)})
         writer.attach(kept.path.read_bytes())

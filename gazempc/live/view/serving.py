@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from typing import Protocol
@@ -35,13 +36,11 @@ def serve(parent: Connection, orders: ViewOrders) -> None:
     except (GazempcError, OSError) as error:
         parent.send(str(error))
         return
-    try:
+    with suppress(EOFError, OSError):  # the parent has ended
         parent.send(tuple(lines))
         while moments := parent.recv():
             for moment in moments:
                 takers = [taker for taker in takers if _survived(partial(taker.take, moment), parent)]
-    except (EOFError, OSError):
-        pass  # the parent has ended
     for taker in takers:
         _survived(taker.close, parent)
 

@@ -172,10 +172,7 @@ class Feed:
         if self._true_head_base_m is None or not times_s:
             return list(moments)
         heads = iter(self._true_head_base_m(np.array(times_s)))
-        return [
-            moment._replace(head_true_base_m=next(heads)) if isinstance(moment, TickMoment) else moment
-            for moment in moments
-        ]
+        return [m._replace(head_true_base_m=next(heads)) if isinstance(m, TickMoment) else m for m in moments]
 
 
 def start_viewers(settings: LiveSettings, setup: LiveSetup) -> Feed | None:

@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -20,18 +21,8 @@ from gazempc.live.sources.wires import is_loopback
 from gazempc.live.view.orders import LOOPBACK, named
 from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import angle_between_rad, gaze_ray
+from gazempc.results import moments
 from gazempc.results.log import RunInfo
-from gazempc.results.moments import (
-    AttendedMoment,
-    EventMoment,
-    JointsMoment,
-    LateMoment,
-    Moment,
-    PictureMoment,
-    PlanMoment,
-    SeenMoment,
-    TickMoment,
-)
 from gazempc.types import FloatArray, JointState
 
 # Update rate that a phone can draw.
@@ -49,11 +40,14 @@ class Snapshots:
 
     Args:
         run: Description of the run.
+
+    Attributes:
+        picture: The newest picture of the camera, JPEG; empty without one.
     """
 
     def __init__(self, run: RunInfo) -> None:
         self._neck, self._knows_true_head = run.neck, run.knows_true_head
-        self.about = {
+        self._about = {
             "recording": run.recording,
             "neck": run.neck.name,
             "robot": run.robot,
@@ -62,15 +56,15 @@ class Snapshots:
             "scored_against": "the true head" if run.knows_true_head else "the observed head",
         }
         self.picture = b""
-        self.history: deque[list[float | None]] = deque(maxlen=round(_HISTORY_S / PERIOD_S))
+        self._history: deque[list[float | None]] = deque(maxlen=round(_HISTORY_S / PERIOD_S))
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)
         self._begun = 0
         self._true_joints: JointState | None = None
-        self._tick: TickMoment | None = None
-        self._seen: SeenMoment | None = None
+        self._tick: moments.TickMoment | None = None
+        self._seen: moments.SeenMoment | None = None
         self._latency_ms, self._late_ms, self._skipped = math.nan, 0.0, 0
 
-    def take(self, moment: Moment) -> bool:
+    def take(self, moment: moments.Moment) -> bool:
         """Process a moment.
 
         Args:
@@ -80,29 +74,32 @@ class Snapshots:
             Whether an update is due: 20 times a second of the run.
         """
         match moment:
-            case JointsMoment():
+            case moments.JointsMoment():
                 self._true_joints = moment.joints
-            case LateMoment():
+            case moments.LateMoment():
                 self._late_ms = max(self._late_ms, moment.late_ms)
                 self._skipped += moment.skipped
-            case SeenMoment():
+            case moments.SeenMoment():
                 self._seen = moment
-            case PlanMoment():
+            case moments.PlanMoment():
                 self._latency_ms = moment.latency_ms
-            case PictureMoment():
+            case moments.PictureMoment():
                 self.picture = moment.jpeg
-            case EventMoment() | AttendedMoment():
+            case moments.EventMoment() | moments.AttendedMoment():
                 self._begun += 1
                 self._events.append({"id": self._begun, "time_s": moment.time_s, "text": _in_words(moment)})
-            case TickMoment():
+            case moments.TickMoment():
                 joints = self._true_joints or moment.joints
                 self._true_joints = None
-                if joints is not None:
-                    before = -math.inf if self._tick is None else self._tick.time_s
-                    if moment.time_s - before >= PERIOD_S - 1e-6:
-                        self._tick = moment._replace(joints=joints)
-                        return True
+                before_s = -math.inf if self._tick is None else self._tick.time_s
+                if joints is not None and moment.time_s - before_s >= PERIOD_S - 1e-6:
+                    self._tick = moment._replace(joints=joints)
+                    return True
         return False
+
+    def hello(self) -> str:
+        """Initial message of a new page: description of the run, and its last half minute."""
+        return json.dumps({"about": self._about, "history": list(self._history)})
 
     def state(self) -> dict[str, Any]:
         """The state at the newest tick; also appended to the history.
@@ -120,23 +117,21 @@ class Snapshots:
         age_s = math.inf if seen is None else tick.time_s - seen.capture_time_s
         new_m = seen_m if age_s < _LOST_S else None
         target_m = known_m if self._knows_true_head else new_m
-        in_view = None if target_m is None else _in_view_deg(eye_m, gaze, target_m)
-        forecast_m = [] if seen is None or not np.isfinite(seen.means_base_m).all() else list(seen.means_base_m)
-        error_deg = math.nan if target_m is None else math.degrees(angle_between_rad(gaze, target_m - eye_m))
-        ellipses = [] if seen is None or not forecast_m else [_ellipse(each) for each in seen.covariances_m2]
+        forecast = seen if seen is not None and np.isfinite(seen.means_base_m).all() else None
+        means_m, covariances_m2 = ((), ()) if forecast is None else (forecast.means_base_m, forecast.covariances_m2)
         state = {
             "time_s": tick.time_s,
             "age_s": _number(age_s),
             "distance_m": None if seen_m is None else float(np.linalg.norm(seen_m - eye_m)),
             "true_m": None if known_m is None else known_m.tolist(),
             "observed_m": None if seen_m is None else seen_m.tolist(),
-            "forecast_m": [mean.tolist() for mean in forecast_m],
-            "ellipses": ellipses,
+            "forecast_m": [mean.tolist() for mean in means_m],
+            "ellipses": [_ellipse(each) for each in covariances_m2],
             "eye_m": eye_m.tolist(),
             "gaze": gaze.tolist(),
-            "in_view_deg": in_view,
-            "forecast_in_view_deg": [_in_view_deg(eye_m, gaze, mean) for mean in forecast_m],
-            "error_deg": _number(error_deg),
+            "in_view_deg": None if target_m is None else _in_view_deg(eye_m, gaze, target_m),
+            "forecast_in_view_deg": [_in_view_deg(eye_m, gaze, mean) for mean in means_m],
+            "error_deg": None if target_m is None else math.degrees(angle_between_rad(gaze, target_m - eye_m)),
             "late_ms": self._late_ms,
             "skipped_ticks": self._skipped,
             "latency_ms": _number(self._latency_ms),
@@ -144,13 +139,13 @@ class Snapshots:
             "events": list(self._events),
             "has_picture": bool(self.picture),
         }
-        self.history.append([tick.time_s, state["error_deg"], state["latency_ms"], self._late_ms])
+        self._history.append([tick.time_s, state["error_deg"], state["latency_ms"], self._late_ms])
         self._late_ms = 0.0
         return state
 
 
-def _in_words(event: EventMoment | AttendedMoment) -> str:
-    if isinstance(event, AttendedMoment):
+def _in_words(event: moments.EventMoment | moments.AttendedMoment) -> str:
+    if isinstance(event, moments.AttendedMoment):
         return f"looks at person {event.person} ({event.why})" if event.person else f"looks at no person ({event.why})"
     meaning = MEANINGS.get(event.name) if event.text == event.name else None
     return event.text if meaning is None else f"{event.name}: {meaning}"
@@ -167,9 +162,9 @@ def _in_view_deg(eye_m: FloatArray, gaze: FloatArray, target_m: FloatArray) -> l
     left /= max(float(np.linalg.norm(left)), 1e-9)
     up = np.cross(gaze, left)
     angle_deg = math.degrees(angle_between_rad(gaze, to_target))
-    sideways, upwards = float(left @ to_target), float(up @ to_target)
-    length = math.hypot(sideways, upwards)
-    return [0.0, 0.0] if length == 0.0 else [angle_deg * sideways / length, angle_deg * upwards / length]
+    offset_m = np.array([left, up]) @ to_target
+    offset_deg: list[float] = (angle_deg / max(float(np.linalg.norm(offset_m)), 1e-9) * offset_m).tolist()
+    return offset_deg
 
 
 def _ellipse(covariance_m2: FloatArray) -> list[float] | None:
@@ -201,6 +196,7 @@ class WebPage:
         port: Port; 0 for any free one.
 
     Attributes:
+        snapshots: Source of the states.
         url: Address of the page.
         host: Address of the server, as given.
         on_loopback: Whether the address is reachable from this computer only.
@@ -212,7 +208,7 @@ class WebPage:
     """
 
     def __init__(self, run: RunInfo, host: str, port: int) -> None:
-        self._snapshots, self.host = Snapshots(run), host
+        self.snapshots, self.host = Snapshots(run), host
         self.state, self.over = "", False
         try:
             self._server = ThreadingHTTPServer((host, port), partial(_Handler, self))
@@ -224,23 +220,14 @@ class WebPage:
         self.url = f"http://{named(host)}:{port}/"
         threading.Thread(target=self._server.serve_forever, args=(0.1,), name="page", daemon=True).start()
 
-    def take(self, moment: Moment) -> None:
+    def take(self, moment: moments.Moment) -> None:
         """Show a moment.
 
         Args:
             moment: The moment.
         """
-        if self._snapshots.take(moment):
-            self.state = json.dumps(self._snapshots.state())
-
-    def hello(self) -> str:
-        """Initial message of a new page: description of the run, and its last half minute."""
-        return json.dumps({"about": self._snapshots.about, "history": list(self._snapshots.history)})
-
-    @property
-    def picture(self) -> bytes:
-        """The newest picture of the camera, JPEG; empty without one."""
-        return self._snapshots.picture
+        if self.snapshots.take(moment):
+            self.state = json.dumps(self.snapshots.state())
 
     def close(self) -> None:
         """Notify pages of the end of the run, and stop."""
@@ -260,22 +247,18 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         page, path = self._page, self.path.partition("?")[0]
-        if not self._host_is_accepted():
+        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read this server's data.
+        if page.on_loopback and self.headers.get("Host", "").partition(":")[0] not in {*LOOPBACK, page.host}:
             self.send_error(HTTPStatus.FORBIDDEN, "use the address printed by the run")
         elif path == "/state":
             self._stream(page)
-        elif path == "/picture.jpg" and page.picture:
-            self._answer(page.picture, "image/jpeg")
+        elif path == "/picture.jpg" and (picture := page.snapshots.picture):
+            self._answer(picture, "image/jpeg")
         elif path in _STATIC:
             name, kind = _STATIC[path]
             self._answer(files(__package__).joinpath("page", name).read_bytes(), kind)
         else:
             self.send_error(HTTPStatus.NOT_FOUND)
-
-    def _host_is_accepted(self) -> bool:
-        # DNS rebinding: a foreign page may resolve its own name to this computer, and then read this server's data.
-        host = self.headers.get("Host", "").partition(":")[0]
-        return not self._page.on_loopback or host in {*LOOPBACK, self._page.host}
 
     def _answer(self, content: bytes, kind: str) -> None:
         self._begin(kind)
@@ -288,9 +271,9 @@ class _Handler(BaseHTTPRequestHandler):
         self._begin("text/event-stream")
         self.send_header("Connection", "close")
         self.end_headers()
-        try:
+        with suppress(OSError):  # the page was closed
             # A page reconnects half a second after a loss.
-            self._event("hello", page.hello(), "retry: 500\n")
+            self._event("hello", page.snapshots.hello(), "retry: 500\n")
             shown = ""
             while not page.over:
                 if page.state != shown:
@@ -302,8 +285,6 @@ class _Handler(BaseHTTPRequestHandler):
             if page.state != shown:
                 self._event("state", page.state)
             self._event("end", "{}")
-        except OSError:
-            return  # the page was closed
 
     def _event(self, name: str, text: str, before: str = "") -> None:
         self.wfile.write(f"{before}event: {name}\ndata: {text}\n\n".encode())

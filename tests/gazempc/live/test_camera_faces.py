@@ -80,7 +80,7 @@ def test_crossing_people_keep_their_names(faces, finder):
         found = finder.detect(PICTURE, k * FRAME_S)
     left, right = sorted(found, key=lambda person: person.face.box_px[0])
     assert {left.person_id, right.person_id} == {"1", "2"}
-    assert left.width_px == pytest.approx(60)
+    assert left.face.width_px == pytest.approx(60)
 
 
 def test_a_name_persists_over_a_short_absence_only(faces, finder):

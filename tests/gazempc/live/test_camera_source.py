@@ -21,9 +21,9 @@ from benchmarks.camera.stream import PictureServer
 from benchmarks.camera.walks import across, watch
 from gazempc.errors import GazempcError
 from gazempc.live.session import main
-from gazempc.live.sources.camera import worker
+from gazempc.live.sources.camera import source as camera_source
 from gazempc.live.sources.camera.capture import Camera, CameraOptions, Picture, StreamWatch, open_pictures
-from gazempc.live.sources.camera.worker import FaceRate
+from gazempc.live.sources.camera.source import FaceRate
 from gazempc.live.sources.source import Notice, SourceError
 from gazempc.loop.events import Event
 from gazempc.results.log_files import load_log
@@ -64,7 +64,7 @@ def test_faces_of_a_user_defined_camera_are_attended_until_it_fails(tmp_path, ca
 def test_pictures_of_another_shape_are_refused():
     address, options = "portrait_camera:Grey", CameraOptions()
     with pytest.raises(SourceError, match="is not RGB"):
-        worker._work(open_pictures(address, options), address, options, None, False)
+        camera_source._work(open_pictures(address, options), address, options, None, False)
 
 
 @pytest.mark.usefixtures("own_camera")

@@ -87,7 +87,7 @@ def test_a_moving_sensor_is_placed_by_the_joints_at_capture():
     np.testing.assert_allclose(sighting.observation.head_position_base_m, expected_m, atol=1e-12)
     # Joints before the first tick are unknown.
     found, report = arrived(0.05, mount)
-    assert (found, report.n_problems) == ([], 1)
+    assert (found, len(report.problems)) == ([], 1)
 
 
 # Unit vectors forward, left and up in each axis convention, from its documentation.

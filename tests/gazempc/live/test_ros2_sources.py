@@ -28,15 +28,14 @@ from gazempc.live.setup import setup_of_gaze
 from gazempc.live.sources.ros2 import Ros2Person
 from gazempc.live.sources.ros2_cues import Ros2Cues
 from gazempc.people.company import Glance, Sound
-from gazempc.robots.options import Ros2Options
 
 TOPIC, POSE = "/person/head", "geometry_msgs/msg/PoseStamped"
 ARRAY, DETECTIONS = "geometry_msgs/msg/PoseArray", "vision_msgs/msg/Detection3DArray"
 
 
 def opened(stage, pose_type=POSE, base_frame=None, optical=False):
-    options = Ros2Options(pose_type=pose_type, base_frame=base_frame)
-    return stage.listening(Ros2Person(TOPIC, stage.clock_s, stage.to_loop_s, options, optical, stage.make_node))
+    given = stage.given(pose_type=pose_type, base_frame=base_frame)
+    return stage.listening(Ros2Person(TOPIC, given, optical))
 
 
 def test_poses_have_capture_times_and_unusable_ones_are_problems(stage):
@@ -129,7 +128,7 @@ INT, FLOAT = "std_msgs/msg/Int32", "std_msgs/msg/Float32"
 
 
 def opened_cues(stage, to_base=lambda place_m: place_m, **options):
-    return stage.listening(Ros2Cues(stage.clock_s, stage.to_loop_s, Ros2Options(**options), to_base, stage.make_node))
+    return stage.listening(Ros2Cues(stage.given(**options), to_base))
 
 
 def test_a_glance_point_waits_for_its_transform_and_then_is_a_problem(stage):
@@ -182,9 +181,8 @@ def test_a_sound_direction_is_transformed_from_a_turned_head(stage):
 def test_a_python_gaze_receives_ros_cues(stage):
     settings = {"attend": "speaker"}
     setup, _, _ = setup_of_gaze("reference", "simulated", "lookahead", "constant_velocity", settings)
-    cues = Ros2Cues(
-        setup.clock.now_s, lambda unix_s: unix_s, Ros2Options(sound_topic="heard"), lambda at_m: at_m, stage.make_node
-    )
+    given = replace(stage.given(sound_topic="heard"), clock_s=setup.clock.now_s, to_loop_s=lambda unix_s: unix_s)
+    cues = Ros2Cues(given, lambda at_m: at_m)
     run = LiveRun(replace(setup, more_sources=(cues,)), lambda log, times: None)
 
     def publish():

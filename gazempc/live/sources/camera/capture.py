@@ -136,8 +136,7 @@ class VideoFile:
             if self._start_s is None:
                 self._start_s = time.monotonic() - in_file_s
             captured_s = self._start_s + in_file_s
-            early_s = captured_s - time.monotonic()
-            if early_s < -_LATE_S:
+            if time.monotonic() > captured_s + _LATE_S:
                 continue
             fine, bgr = self._video.retrieve()
             if fine:
@@ -203,7 +202,7 @@ class Camera:
     def __init__(self, address: str, options: CameraOptions) -> None:
         self._cv2 = import_opencv()
         self._address: int | str = int(address or "0") if not address or address.isdigit() else address
-        self._options = options
+        self._options, self._streams = options, "://" in address
         self._camera = self._open()
         if not self._camera.isOpened():
             raise SourceError(
@@ -213,7 +212,6 @@ class Camera:
         self._fresh = threading.Condition()
         self._newest: tuple[Any, float] | Notice | str | None = None
         self._closing = False
-        self._streams = isinstance(self._address, str) and "://" in self._address
         self._watch = StreamWatch()
         self._thread = threading.Thread(target=self._take, name="camera", daemon=True)
         self._thread.start()
@@ -239,9 +237,9 @@ class Camera:
 
     def _open(self) -> Any:
         cv2, options = self._cv2, self._options
-        if not isinstance(self._address, int) and "://" in self._address:
+        if self._streams:
             # A password in the environment appears in no list of processes, log or message.
-            return cv2.VideoCapture(os.path.expandvars(self._address), cv2.CAP_FFMPEG)
+            return cv2.VideoCapture(os.path.expandvars(str(self._address)), cv2.CAP_FFMPEG)
         camera = cv2.VideoCapture(self._address)
         # MJPEG passes any USB port at full rate; a camera ignores unsupported settings.
         camera.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
@@ -252,16 +250,16 @@ class Camera:
 
     def _take(self) -> None:
         while not self._closing:
-            if self._camera.grab():
-                captured_s = self._captured_s(time.monotonic())
-                fine, bgr = self._camera.retrieve()
-                if fine and not self._streams:
-                    self._give((bgr, captured_s))
-                elif fine:
-                    self._take_streamed(bgr, captured_s)
+            if not self._camera.grab():
+                self._give(f"camera {self._address}: no picture; it is reopened")
+                self._open_again(_RETRY_S)
                 continue
-            self._give(f"camera {self._address}: no picture; it is reopened")
-            self._open_again(_RETRY_S)
+            captured_s = self._captured_s(time.monotonic())
+            fine, bgr = self._camera.retrieve()
+            if fine and self._streams:
+                self._take_streamed(bgr, captured_s)
+            elif fine:
+                self._give((bgr, captured_s))
         self._camera.release()
 
     def _take_streamed(self, bgr: Any, arrived_s: float) -> None:
@@ -312,15 +310,12 @@ class OwnCamera:
 
     def __init__(self, choice: str, own: Mapping[str, Any] | None = None) -> None:
         self._camera = make(CAMERA, choice, {}, own or {})
+        self.close = self._camera.close
 
     def read(self) -> Picture | str | None:
         """See `Pictures.read`."""
         given = self._camera.read()
         return None if given is None else Picture(*given)
-
-    def close(self) -> None:
-        """See `Pictures.close`."""
-        self._camera.close()
 
 
 def open_pictures(address: str, options: CameraOptions, own: Mapping[str, Any] | None = None) -> Pictures:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from gazempc.live.sources.camera.blazeface import Face
+from gazempc.live.sources.camera.blazeface import BlazeFace, Face
 from gazempc.live.sources.camera.head import POINT_SD, head_from_points
 from gazempc.live.sources.camera.intrinsics import Intrinsics
 from gazempc.types import FloatArray
@@ -41,15 +41,6 @@ _TRACK_LIFETIME_S = 1.0
 _SAME_WIDTHS, _SAME_CHANGE = 3.0, 1.5
 
 
-class Detector(Protocol):
-    """Face detector for a square of a picture, such as `gazempc.live.sources.camera.blazeface.BlazeFace`."""
-
-    def faces(
-        self, picture: Any, corner_px: tuple[int, int], side_px: int, score_min: float, mirrored: bool = False
-    ) -> list[Face]:
-        """Faces in a square of a picture, highest score first."""
-
-
 @dataclass(frozen=True, eq=False)
 class FaceTrack:
     """Track of a face.
@@ -72,11 +63,6 @@ class FaceTrack:
     since_s: float
     pictures: int
 
-    @property
-    def width_px(self) -> float:
-        """Width of the face, pixels."""
-        return float(max(self.face.box_px[2:]))
-
     def middle_at(self, time_s: float) -> FloatArray:
         """Predicted centre of the face, shape (2,), pixels."""
         return self.face.box_px[:2] + (time_s - self.seen_s) * self.velocity_px_s
@@ -89,7 +75,7 @@ class FaceFinder:
         detector: Detects faces in a square.
     """
 
-    def __init__(self, detector: Detector) -> None:
+    def __init__(self, detector: BlazeFace) -> None:
         self._detector = detector
         self._known: list[FaceTrack] = []
         self._names = itertools.count(1)
@@ -122,10 +108,10 @@ class FaceFinder:
             for face in self._detector.faces(picture, corner_px, side_px, _NEW_SCORE):
                 if any(_overlap(face, other.face) for other in here):
                     continue
-                sure = self._near(picture, face.box_px[:2], max(face.box_px[2:]), _SURE_SCORE)
+                sure = self._again(picture, face, _SURE_SCORE)
                 if sure is None or any(_overlap(sure[0], other.face) for other in here):
                     continue
-                if self._is_face_mirrored(picture, sure[0], _MIRRORED_SCORE):
+                if self._again(picture, sure[0], _MIRRORED_SCORE, mirrored=True):
                     before = _same(sure[0], lost, time_s)
                     lost = [person for person in lost if person is not before]
                     here.append(self._found(before, *sure, time_s))
@@ -134,19 +120,19 @@ class FaceFinder:
 
     def _follow(self, picture: Any, person: FaceTrack, time_s: float) -> tuple[Face, int] | None:
         middle_px = person.middle_at(time_s)
-        found = self._near(picture, middle_px, person.width_px, _KNOWN_SCORE)
+        found = self._near(picture, middle_px, person.face.width_px, _KNOWN_SCORE)
         if found is not None:
             if person.person_id and found[0].score >= _UNSURE_SCORE:
                 return found
             score_min = _UNSURE_MIRRORED_SCORE if person.person_id else _MIRRORED_SCORE
-            return found if self._is_face_mirrored(picture, found[0], score_min) else None
+            return found if self._again(picture, found[0], score_min, mirrored=True) else None
         if not person.person_id or person.seen_s < time_s - 0.5 * _TRACK_LIFETIME_S:
             return None
         # The camera may have turned with the head: repeat in a larger window.
         side_px = _square_px(picture.shape[0])
         for face in self._detector.faces(picture, _corner(middle_px, side_px), side_px, _NEW_SCORE):
             if _same(face, [person], time_s):
-                return self._near(picture, face.box_px[:2], max(face.box_px[2:]), _KNOWN_SCORE)
+                return self._again(picture, face, _KNOWN_SCORE)
         return None
 
     def _near(
@@ -160,15 +146,16 @@ class FaceFinder:
             face
             for face in faces
             if math.dist(face.box_px[:2], middle_px) < width_px
-            and 0.5 < max(face.box_px[2:]) / width_px < 2.0
-            and max(face.box_px[2:]) >= _LEAST_PX
+            and 0.5 < face.width_px / width_px < 2.0
+            and face.width_px >= _LEAST_PX
             and 0 <= face.box_px[0] < width
             and 0 <= face.box_px[1] < height
         ]
         return (near[0], side_px) if near else None
 
-    def _is_face_mirrored(self, picture: Any, face: Face, score_min: float) -> bool:
-        return self._near(picture, face.box_px[:2], max(face.box_px[2:]), score_min, mirrored=True) is not None
+    def _again(self, picture: Any, face: Face, score_min: float, mirrored: bool = False) -> tuple[Face, int] | None:
+        """A face in its own search window, see `_near`."""
+        return self._near(picture, face.box_px[:2], face.width_px, score_min, mirrored)
 
     def _found(self, before: FaceTrack | None, face: Face, side_px: int, time_s: float) -> FaceTrack:
         if before is None:
@@ -223,12 +210,12 @@ def _overlap(one: Face, other: Face) -> bool:
 
 def _same(face: Face, lost: list[FaceTrack], time_s: float) -> FaceTrack | None:
     """Re-identification: the nearest lost track."""
-    width_px = float(max(face.box_px[2:]))
+    width_px = face.width_px
 
     def away(person: FaceTrack) -> float:
         return min(math.dist(face.box_px[:2], p) for p in (person.middle_at(time_s), person.face.box_px[:2]))
 
-    like = [p for p in lost if max(width_px / p.width_px, p.width_px / width_px) < _SAME_CHANGE]
+    like = [p for p in lost if max(width_px / p.face.width_px, p.face.width_px / width_px) < _SAME_CHANGE]
     near = [p for p in like if away(p) < _SAME_WIDTHS * width_px]
     return min(near, key=away) if near else None
 
@@ -241,7 +228,7 @@ class FaceSensor:
         intrinsics: Camera intrinsics.
     """
 
-    def __init__(self, detector: Detector, intrinsics: Intrinsics) -> None:
+    def __init__(self, detector: BlazeFace, intrinsics: Intrinsics) -> None:
         self._finder = FaceFinder(detector)
         self._intrinsics = intrinsics
 
@@ -258,6 +245,7 @@ class FaceSensor:
         heads = []
         for person in self._finder.detect(picture, time_s):
             rays = self._intrinsics.rays(person.face.points_px)
-            point_sd = POINT_SD * person.side_px / self._intrinsics.focal_px
+            # The first element is the focal length in pixels.
+            point_sd = POINT_SD * person.side_px / float(self._intrinsics.matrix[0, 0])
             heads.append(head_from_points(rays, point_sd, person.face.score, time_s, person.person_id))
         return heads

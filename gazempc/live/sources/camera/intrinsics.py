@@ -58,11 +58,6 @@ class Intrinsics:
         across, along = np.abs(self.rays(edges)[:, 0]).max(), np.abs(self.rays(ends)[:, 1]).max()
         return float(np.arctan(across)), float(np.arctan(along))
 
-    @property
-    def focal_px(self) -> float:
-        """Focal length, pixels."""
-        return float(self.matrix[0, 0])
-
 
 def from_field_of_view(fov_deg: float, width: int, height: int) -> Intrinsics:
     """A camera without distortion, with square pixels and a centred principal point.
