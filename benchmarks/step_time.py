@@ -18,7 +18,7 @@ from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
 from gazempc.loop.smoother import Smoother
-from gazempc.neck.ahead import settled_joints
+from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
@@ -58,7 +58,7 @@ def main(repeats: int = 3) -> None:
                     continue
                 for label, controller in controllers.items():
                     situation = Situation(
-                        settled_joints(neck, 0),
+                        joints_after_dead_time(neck, 0),
                         start_s=now_s,
                         forecast=predictor.forecast(controller.forecast_times_s(now_s, observation.capture_time_s)),
                         command=smoother.command,

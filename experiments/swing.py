@@ -21,7 +21,7 @@ from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
 from gazempc.margins.linear_loop import Mismatch
 from gazempc.margins.margins import Margins, margins
-from gazempc.neck.ahead import settled_joints
+from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.spec import AXES, neck_names
 from gazempc.settings import Settings
 from gazempc.sim.simulated import SimulatedNeck
@@ -52,7 +52,7 @@ def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArra
     start_rad = np.zeros(neck.joints)
     start_rad[0] = _START_RAD
     observer, smoother = JointObserver(neck, start_rad, 0.0), Smoother(neck, start_rad)
-    drive, settled = Drive(neck, start_rad), settled_joints(neck, 0)
+    drive, after_dead_time = Drive(neck, start_rad), joints_after_dead_time(neck, 0)
     differs = neck.model_copy(update={name: error.of(getattr(neck, name)) for name in AXES})
     robot = SimulatedNeck(differs, start_rad, lambda: now_s)
     robot.connect()
@@ -70,7 +70,7 @@ def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArra
             )
             seen, offset_rad = drive.for_controllers(sent, joints.offset_rad)
             state = joints.position_rad, joints.velocity_rad_s, offset_rad, seen, none
-            plan = mpc.plan(gz.Situation(settled, now_s, forecast, smoother.command, *state))
+            plan = mpc.plan(gz.Situation(after_dead_time, now_s, forecast, smoother.command, *state))
         wanted = smoother.step(now_s, plan)
         if neck.takes_speeds:
             wanted = drive.outgoing(smoother.motions, joints.offset_rad)

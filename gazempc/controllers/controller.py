@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from gazempc.neck.ahead import SettledJoints
+from gazempc.neck.ahead import JointsAfterDeadTime
 from gazempc.types import FloatArray
 from predictors import Forecast
 
@@ -61,7 +61,7 @@ class Situation:
     """The input of a controller for one plan.
 
     Attributes:
-        settled: Predicts the joint state at the end of the dead times.
+        after_dead_time: Predicts the joint state at the end of the dead times.
         start_s: Time at which the first command of the plan will be sent, seconds.
         forecast: Forecast for the times that the controller asked for.
         command: The last command before the plan starts, sent one servo period before `start_s`.
@@ -74,7 +74,7 @@ class Situation:
             measurements. Empty for necks of two joints.
     """
 
-    settled: SettledJoints
+    after_dead_time: JointsAfterDeadTime
     start_s: float
     forecast: Forecast
     command: CommandState
@@ -86,23 +86,23 @@ class Situation:
     held: tuple[int, ...] = ()
 
     @cached_property
-    def _settled(self) -> FloatArray:
+    def _joints_then(self) -> FloatArray:
         # The model has no offset.
         initial = self.joint_position_rad - self.joint_offset_rad, self.joint_velocity_rad_s
-        return self.settled(*initial, self.sent_rad, self.committed_rad)
+        return self.after_dead_time(*initial, self.sent_rad, self.committed_rad)
 
     @property
-    def settled_position_rad(self) -> FloatArray:
-        """Joint angles one dead time after the last command sent or committed, shape (N,), radians.
+    def position_after_dead_time_rad(self) -> FloatArray:
+        """Joint angles one dead time after `start_s`, shape (N,), radians.
 
         The motion until then is independent of the plan.
         """
-        return np.asarray(self._settled[0] + self.joint_offset_rad)
+        return np.asarray(self._joints_then[0] + self.joint_offset_rad)
 
     @property
-    def settled_velocity_rad_s(self) -> FloatArray:
+    def velocity_after_dead_time_rad_s(self) -> FloatArray:
         """Joint velocities then, shape (N,), rad/s."""
-        return np.asarray(self._settled[1])
+        return np.asarray(self._joints_then[1])
 
 
 class JointPlan(NamedTuple):

@@ -292,7 +292,7 @@ class Gaze:
 
     @property
     def events(self) -> dict[str, int]:
-        """Number of occurrences of each event of `gazempc.loop.events`, over the whole run."""
+        """Count of each event of `gazempc.loop.events` over the whole run; a lasting event counts once."""
         return {} if self._run is None else self._run.logs.events
 
     @property

@@ -192,7 +192,7 @@ class LiveLogs:
 
     @property
     def events(self) -> dict[str, int]:
-        """Number of occurrences of each event, over all logs."""
+        """Count of each event over all logs; a lasting event counts once."""
         with self._lock:
             return dict(sorted((self._events + Counter(self.recorder.events)).items()))
 

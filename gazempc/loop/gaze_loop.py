@@ -78,7 +78,7 @@ class GazeLoop:
 
     @property
     def seen(self) -> HeadObservation | None:
-        """The newest observation that was used; None before the first one."""
+        """The newest observation passed to the predictor, also if its gate rejected it; None before the first one."""
         return self._target.newest
 
     @property

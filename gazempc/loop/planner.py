@@ -41,7 +41,7 @@ class Answer:
 
 
 class ImmediatePlanner:
-    """Synchronous planner for replays in simulated time: computes within `see` and `request`.
+    """Synchronous planner for replays in simulated time: computes within `update` and `request`.
 
     Args:
         controller: Computes the plans.
@@ -85,7 +85,7 @@ class ImmediatePlanner:
 
 
 class BackgroundPlanner:
-    """Planner in a thread, for real time; during a call only the newest frame is kept.
+    """Planner in a thread, for real time; during a call only the newest update is kept.
 
     Args:
         controller: Computes the plans; its methods are called by this thread only.

@@ -18,7 +18,7 @@ from gazempc.loop.recorder import LaterRecorder, LoopRecorder
 from gazempc.loop.sender import Sender
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import Target
-from gazempc.neck.ahead import settled_joints
+from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.spec import NeckSpec
 from gazempc.settings import LoopSettings
 from gazempc.types import Sighting
@@ -51,7 +51,7 @@ class Planning:
         self._neck, self._target, self._planner = neck, target, planner
         self._smoother, self._sender, self._settings = smoother, sender, settings
         self._delay_ticks = math.ceil(settings.compute_delay_s / neck.servo_period_s - 1e-9)
-        self._settled = settled_joints(neck, self._delay_ticks)
+        self._after_dead_time = joints_after_dead_time(neck, self._delay_ticks)
         self._asked_capture_s = -math.inf
         # The planner may run in another thread.
         self._notes = LaterRecorder()
@@ -124,7 +124,7 @@ class Planning:
                 return None
             self._asked_capture_s = newest_s
             return Situation(
-                self._settled,
+                self._after_dead_time,
                 start_s=start_s,
                 forecast=forecast,
                 command=command,

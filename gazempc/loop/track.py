@@ -37,7 +37,7 @@ class Target(Protocol):
 
     @property
     def newest(self) -> HeadObservation | None:
-        """The newest observation that was used; None before the first one."""
+        """The newest observation passed to the predictor, also if its gate rejected it; None before the first one."""
 
     def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:
         """Process the observations that have arrived since the last tick; called at every tick.

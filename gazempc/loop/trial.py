@@ -13,7 +13,7 @@ from gazempc.controllers.controller import CommandState, Controller, Situation
 from gazempc.errors import SettingsError
 from gazempc.loop.boundary import PartError, boundary, checked_forecast, checked_plan, checked_times
 from gazempc.loop.observer import observer_gain
-from gazempc.neck.ahead import settled_joints
+from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.spec import NeckSpec
 from gazempc.parts import CONTROLLER, PREDICTOR, Kind, check_members, name_of
 from gazempc.types import FloatArray
@@ -150,7 +150,7 @@ def _situation(neck: NeckSpec, times_s: FloatArray) -> Situation:
     )
     history = int(np.ceil(float(np.max(neck.dead_time_s)) / neck.servo_period_s)) + 2
     return Situation(
-        settled_joints(neck, 0),
+        joints_after_dead_time(neck, 0),
         start_s=1.0,
         forecast=forecast,
         command=CommandState(rest_rad, still, still),

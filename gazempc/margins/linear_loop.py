@@ -75,11 +75,11 @@ class LinearLoop:
         neck, axis = mpc.neck, mpc.neck.axes[index]
         self.period_s, self.ticks, h = neck.control_period_s, neck.servo_ticks_per_plan, neck.servo_period_s
         self._h, joint = h, error.of(axis)
-        settled = JointAhead(axis, h, np.array([axis.dead_time_s]))
+        after_dead_time = JointAhead(axis, h, np.array([axis.dead_time_s]))
         # Number of past commands that can act within a servo period.
         history = 1 + max(math.floor(each.dead_time_s / h + _SAME_TIME_S) for each in (axis, joint))
         self.size = _SENT + history
-        self._feedback = self._state_feedback(mpc, index, settled)
+        self._feedback = self._state_feedback(mpc, index, after_dead_time)
         # Measured and corrected at once: q^+ = q^ + (K_q - K_b) e, v^+ = v^ + K_v e, b^+ = b^ + K_b e.
         gain_q, gain_v, gain_b = observer_gain(axis, h)
         self._gain = np.zeros(self.size)
@@ -88,13 +88,13 @@ class LinearLoop:
         self._expected[[2, _OFFSET]] = 1.0
         self._advance = self._advanced(axis, joint, error.gain)
 
-    def _state_feedback(self, mpc: Mpc, index: int, settled: JointAhead) -> FloatArray:
+    def _state_feedback(self, mpc: Mpc, index: int, after_dead_time: JointAhead) -> FloatArray:
         # The jerk of the first step from x, after the correction.
         ocp = mpc.ocps[index]
         gain = ocp.model.jerk_scale * ocp.program.gain[0]
-        row, oldest_first = np.zeros(self.size), settled.maps[:, 0, 2:]
-        row[_SEEN] = gain[:2] @ settled.maps[:, 0, :2]
-        row[_SENT : _SENT + settled.sent_needed] = gain[:2] @ oldest_first[:, ::-1]
+        row, oldest_first = np.zeros(self.size), after_dead_time.maps[:, 0, 2:]
+        row[_SEEN] = gain[:2] @ after_dead_time.maps[:, 0, :2]
+        row[_SENT : _SENT + after_dead_time.sent_needed] = gain[:2] @ oldest_first[:, ::-1]
         row[_COMMAND] = gain[2 : len(STATE)]
         # The steady-state error is subtracted from the reference; for a velocity-controlled joint, added to its angle.
         row[_OFFSET] = gain[0] if mpc.neck.axes[index].takes_speed else -gain[len(STATE) + 1 :].sum()

@@ -81,8 +81,8 @@ class JointAhead:
         return np.asarray(self.maps[0] @ np.concatenate(((position_rad, velocity_rad_s), sent, future)))
 
 
-class SettledJoints:
-    """State of all joints one dead time after the last committed command: initial state of a plan.
+class JointsAfterDeadTime:
+    """State of all joints one dead time after the start of a plan: its initial state.
 
     The motion until then is independent of the plan: sent and committed commands determine it.
 
@@ -121,4 +121,4 @@ class SettledJoints:
 
 
 # Cached for each neck and delay. Safe: the key is frozen, and the maps are constant.
-settled_joints = lru_cache(maxsize=16)(SettledJoints)
+joints_after_dead_time = lru_cache(maxsize=16)(JointsAfterDeadTime)

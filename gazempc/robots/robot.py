@@ -33,13 +33,14 @@ class Robot(Protocol):
         """
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
-        """Send target positions of the joints.
+        """Send the commands of the joints.
 
         Args:
-            position_rad: Angles in the order of `NeckSpec.joint_names`, shape (N,), radians.
+            position_rad: Angles in the order of `NeckSpec.joint_names`, shape (N,), radians; for velocity-controlled
+                joints speeds, rad/s.
 
         Returns:
-            The angles sent, shape (N,), radians: clamped to the joints' range.
+            The values sent, shape (N,): angles are clamped to the joints' range.
         """
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ from gazempc.controllers.controller import CommandState, Situation
 from gazempc.loop.joints import FollowingWatch
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
-from gazempc.neck.ahead import settled_joints
+from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
@@ -33,7 +33,7 @@ def at_rest(neck, known, command_rad=None, start_s=0.0, offset_rad=None, **chang
         "sent_rad": np.tile(command_rad, (200, 1)),
         "committed_rad": np.zeros((0, neck.joints)),
     }
-    return Situation(settled_joints(neck, 0), start_s, **(values | changes))
+    return Situation(joints_after_dead_time(neck, 0), start_s, **(values | changes))
 
 
 def run(
@@ -73,7 +73,7 @@ def run(
         state = observer.estimate
         if k % neck.servo_ticks_per_plan == 0:
             situation = Situation(
-                settled_joints(model, 0),
+                joints_after_dead_time(model, 0),
                 start_s=now,
                 forecast=forecast(
                     controller.forecast_times_s(now, now),

@@ -178,8 +178,8 @@ class Mpc:
     def _solve(self, axis: int, situation: Situation, reference_rad: FloatArray, quick: bool) -> Solution:
         # Python floats: NumPy scalars take several times as long.
         offset_rad, command = float(situation.joint_offset_rad[axis]), situation.command
-        joint_rad = float(situation.settled_position_rad[axis]) - offset_rad
-        joint_rad_s = float(situation.settled_velocity_rad_s[axis])
+        joint_rad = float(situation.position_after_dead_time_rad[axis]) - offset_rad
+        joint_rad_s = float(situation.velocity_after_dead_time_rad_s[axis])
         motion = command.position_rad[axis], command.velocity_rad_s[axis], command.acceleration_rad_s2[axis]
         state = np.array((joint_rad, joint_rad_s, *motion))
         # The model has no offset.

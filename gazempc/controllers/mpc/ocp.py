@@ -127,7 +127,7 @@ class AxisOcp:
             state: [q, q', u, u', u'']: joint one dead time from now, command now; shape (5,), SI units.
             reference_rad: Angles that look at the forecast head at the ends of the steps, shape (n,), radians.
             not_past_rad: If bounded, the joint's least and greatest angles at the ends of the steps, shape (n,) each,
-                radians: soft constraints with a lower price than the limits.
+                radians: soft constraints with a lower penalty than the limits.
 
         Returns:
             The optimal motion.

@@ -1,7 +1,7 @@
 """Own costs and rows of the MPC: CasADi expressions in the symbols of `Trajectory`, checked before they are condensed.
 
 A term is a function of `Trajectory` whose value, a scalar in rad^2 times control periods, is added to the cost. A row
-is a function whose values, a column of any length, are kept within +-1 as soft rows, at the slack price of the limits.
+is a function whose values, a column of any length, are kept within +-1 as soft rows, with the penalty of the limits.
 """
 
 from __future__ import annotations

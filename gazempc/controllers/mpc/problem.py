@@ -80,7 +80,8 @@ class Trajectory:
         u, du, ddu: Command, its velocity and its acceleration at t_k: rad, rad/s, rad/s^2.
         j: Jerk of the command during step k, rad/s^3.
         r, dr: Reference angle one dead time after t_k, rad, and its central differences, rad/s.
-        t: t_k from the last command before the plan, seconds; numbers (`casadi.DM`), as are h and w.
+        t: t_k from the last command before the plan (`Situation.start_s` minus a servo period), seconds; a number
+            (`casadi.DM`), as are h and w.
         h: Length of step k, control periods.
         w: Half of the steps before and after t_k, control periods.
     """
@@ -118,7 +119,7 @@ def acceleration(neck: NeckSpec, index: int, q: Any, v: Any, u: Any) -> Any:
 def cost(o: Trajectory, tuning: Tuning) -> Any:
     """The cost without the slacks, rad^2 times control periods."""
     T, d = tuning.smoothing_time_s, tuning.d
-    if tuning.zone:  # the squared distance from the zone is the price of the rows of `passing`
+    if tuning.zone:  # the squared distance from the zone is the penalty of the rows of `passing`
         error = d * T**2 * o.v**2 + T**4 * o.a**2
     else:
         error = (o.q - o.r) ** 2 + d * T**2 * (o.v - o.dr) ** 2 + T**4 * o.a**2

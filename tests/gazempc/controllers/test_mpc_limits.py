@@ -11,7 +11,7 @@ from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
 from gazempc.loop.smoother import Smoother
-from gazempc.neck.ahead import settled_joints
+from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.spec import NeckSpec, load_neck
 from predictors import Forecast
 
@@ -83,7 +83,7 @@ def test_commands_are_within_limits_for_any_neck_state_and_target(axis, seed):
             means = np.tile(means[0] * 1e-3, (times.size, 1))
         covariance = np.nan if rng.random() < 0.1 else 10 ** rng.uniform(-6, 2)
         situation = Situation(
-            settled_joints(neck, 0),
+            joints_after_dead_time(neck, 0),
             start_s=now,
             forecast=Forecast(times, means, np.tile(covariance * np.eye(3), (times.size, 1, 1)), 0.0),
             command=smoother.command,
@@ -119,7 +119,7 @@ def test_a_start_outside_the_limits_softens_them_and_is_an_event(seed):
         limits.acceleration_max_rad_s2 * rng.uniform(-3, 3, 2),
     )
     situation = Situation(
-        settled_joints(NECK, 0),
+        joints_after_dead_time(NECK, 0),
         0.0,
         forecast(times, still(rng.uniform(-3, 3))),
         command,
@@ -166,7 +166,7 @@ def test_the_limits_hold_for_all_walks_and_places(name, kind, places):
 def test_nan_in_the_situation_is_a_controller_error():
     controller = Mpc(NECK)
     situation = Situation(
-        settled_joints(NECK, 0),
+        joints_after_dead_time(NECK, 0),
         0.0,
         forecast(controller.forecast_times_s(0.0, 0.0), crossing),
         CommandState(np.full(2, np.nan), np.zeros(2), np.zeros(2)),

@@ -12,7 +12,7 @@ from experiments.engine.command import find_recordings
 from gazempc.controllers.controller import CommandState, Situation
 from gazempc.controllers.mpc.mpc import LONGEST_TIME_S, Mpc
 from gazempc.errors import LeftOutError, PlacementError
-from gazempc.neck.ahead import settled_joints
+from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.kinematics import gaze_ray, look_at_rad
 from gazempc.neck.spec import load_neck
 from gazempc.recordings.load import load
@@ -257,7 +257,7 @@ def test_the_convex_gaze_is_close_to_the_nonlinear_optimum(name, start_deg, spee
     start = look_at_rad(neck.geometry, path(neck.dead_time_s[:1]))[0] + [np.radians(start_deg), 0.0]
     offset_rad = np.array([0.005, -0.02])
     situation = Situation(
-        settled_joints(neck, 0),
+        joints_after_dead_time(neck, 0),
         start_s=0.0,
         forecast=Forecast(times, path(times), np.zeros((times.size, 3, 3)), 0.0),
         command=CommandState(start, np.zeros(2), np.zeros(2)),

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from gazempc.neck.ahead import JointAhead, SettledJoints
+from gazempc.neck.ahead import JointAhead, JointsAfterDeadTime
 from gazempc.neck.servo import DelayedServo, servo_model, zero_order_hold
 from gazempc.neck.spec import Axis, load_neck
 
@@ -201,8 +201,8 @@ def test_the_state_after_the_dead_time_equals_the_simulated_joint(dead_times_s, 
             servo.advance_to((k + 1) * period_s)
     now = np.transpose([servo.state for servo in servos])
     both = [np.repeat(np.array(each, dtype=float)[:, None], 2, axis=1) for each in (sent, committed)]
-    settled = SettledJoints(neck, count)(*now, *both)
-    for servo, dead_s, foreseen in zip(servos, dead_times_s, settled.T, strict=True):
+    after_dead_time = JointsAfterDeadTime(neck, count)(*now, *both)
+    for servo, dead_s, foreseen in zip(servos, dead_times_s, after_dead_time.T, strict=True):
         for k, command in enumerate(committed):
             servo.send(command)
             servo.advance_to((len(commands) + k + 1) * period_s)
