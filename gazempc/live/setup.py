@@ -190,7 +190,9 @@ def setup_of_gaze(
     stamps = StampReader(Stamps(clock=checked.clock), clock)
     source = PushedSource(clock, stamps)
     setup = _joined(checked, spec, clock, source, (predictor, controller, robot))
-    people = () if checked.source is None else (_ros2_source(checked.source, checked, clock, stamps),)
+    people: tuple[Source, ...] = ()
+    if checked.source is not None:  # its clock may differ from that of `see`
+        people = (_ros2_source(checked.source, checked, clock, StampReader(stamps.stamps, clock)),)
     setup = replace(
         setup,
         stamps=stamps,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -38,7 +39,7 @@ class Stamps(Settings):
 
 
 class StampReader:
-    """Converts stamps to the loop's clock. Not thread-safe.
+    """Converts stamps of one clock to the loop's clock; thread-safe.
 
     Args:
         stamps: Clock and unit of the stamps.
@@ -48,7 +49,7 @@ class StampReader:
     def __init__(self, stamps: Stamps, clock: Clock) -> None:
         self.stamps = stamps
         self._clock = clock
-        self._envelope = Envelope()
+        self._envelope, self._lock = Envelope(), threading.Lock()
 
     def loop_s(self, stamp: float, arrival_s: float) -> float:
         """Convert a stamp to the loop's clock.
@@ -68,8 +69,9 @@ class StampReader:
             return self._clock.from_monotonic_s(stamp_s)
         if clock == "arrival":
             return arrival_s - self.stamps.latency_s
-        self._envelope.add(arrival_s, arrival_s - stamp_s)
-        return stamp_s + self._envelope.at(arrival_s) - self.stamps.latency_s
+        with self._lock:
+            self._envelope.add(arrival_s, arrival_s - stamp_s)
+            return stamp_s + self._envelope.at(arrival_s) - self.stamps.latency_s
 
     def now_loop_s(self, stamp: float) -> float:
         """`loop_s` for a stamp that arrives now.

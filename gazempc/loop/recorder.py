@@ -79,7 +79,7 @@ class LoopRecorder:
     def tick(
         self, time_s: float, state: JointState | None, sent_rad: FloatArray, motions: tuple[AxisMotion, ...]
     ) -> None:
-        """Record one servo tick: measured joints (None if missing), the angles sent or that result from the speeds sent, the command's motions."""
+        """Record one servo tick: measured joints (None if missing), angles sent (or due to speeds), command motions."""
         self.ticks += 1
         joints = reading(state, len(motions))
         self._ticks.extend((time_s, *joints, *sent_rad.tolist(), *chain.from_iterable(motions)))
