@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from builders.control import NECK, crossing, forecast, run, still
+from builders.control import NECK, at_rest, crossing, forecast, run, still
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,6 +24,13 @@ def variant(name="reference", **of_both_axes):
     for axis in ("pan", "tilt"):
         content[axis] |= of_both_axes
     return NeckSpec.model_validate(content)
+
+
+def test_a_loaded_joint_at_rest_is_predicted_to_stay():
+    command_rad, offset_rad = np.array([0.4, -0.2]), np.array([0.05, -0.03])
+    situation = at_rest(NECK, forecast(np.zeros(1), still(0.0)), command_rad, offset_rad=offset_rad)
+    np.testing.assert_allclose(situation.position_after_dead_time_rad, command_rad + offset_rad, atol=1e-12)
+    np.testing.assert_allclose(situation.velocity_after_dead_time_rad_s, 0.0, atol=1e-12)
 
 
 def test_a_constant_load_leaves_no_steady_state_error():

@@ -35,6 +35,16 @@ def test_a_lost_target_stops_the_gaze_then_returns_to_rest_until_reacquired():
     assert error_deg(log, from_s=8.3).mean() < 0.28  # 0.24 as measured
 
 
+def test_a_track_begins_anew_after_a_loss():
+    """A person who reappears out of reach of the extrapolated track is observed from the first frame on."""
+
+    def elsewhere_m(time_s):
+        return np.array([2.5, 0.8 * time_s if time_s < 1.0 else -4.0, 0.4])
+
+    bench = LoopBench(head_m=elsewhere_m, settings=LoopSettings(lost_after_s=1.0))
+    assert "gate_refused" not in events(bench.run(3.0, seen=lambda t: t < 1.0 or t > 2.2))
+
+
 def test_stale_future_and_out_of_order_frames_are_dropped_with_events():
     aside_m = np.array([2.5, -2.0, 0.4])
     captured_s = {1.5: 1e6, 2.0: 1.0, 2.5: 2.2}

@@ -23,7 +23,7 @@ def variant(**of_both_axes):
     return NECK.model_validate(content)
 
 
-def follow(plant, seconds, model=NECK, age_s=0.0, stamped=True, seen=lambda t: True):
+def follow(plant, seconds, model=NECK, age_s=0.0, stamped=True, seen=lambda t: True, halfway=False):
     """Drive a neck to and fro; returns estimates and truth at each tick, and the final offset."""
     now = 0.0
     robot = SimulatedNeck(plant, np.zeros(2), lambda: now, seed=1)
@@ -36,6 +36,9 @@ def follow(plant, seconds, model=NECK, age_s=0.0, stamped=True, seen=lambda t: T
         old = measured[max(0, k - round(age_s / TS))]
         if old is not None and not stamped:
             old = JointState(now, old.position_rad, old.velocity_rad_s)
+        if halfway and k:  # stamped between two ticks
+            both = [measured[-2].position_rad, measured[-1].position_rad]
+            old = JointState(now - 0.5 * TS, np.mean(both, axis=0), old.velocity_rad_s)
         observer.update(now, old if seen(now) else None)
         estimate = observer.estimate
         estimates.append([estimate.position_rad, estimate.velocity_rad_s])
@@ -75,6 +78,12 @@ def test_a_delayed_measurement_is_used_at_its_stamp():
     assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() < 0.1
     estimates, truth, _ = follow(plant, 9.0, age_s=0.04, stamped=False)
     assert np.rad2deg(np.abs(estimates - truth)[-200:, 0]).max() > 0.5
+
+
+def test_a_reading_between_two_ticks_is_used_at_its_stamp():
+    estimates, truth, offset = follow(NECK, 4.0, halfway=True)
+    np.testing.assert_allclose(estimates[:, 0], truth[:, 0], atol=5e-5)  # of 3 mrad within half a tick
+    assert offset == pytest.approx([0, 0], abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["reference", "slow"])
