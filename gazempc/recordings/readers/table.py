@@ -32,7 +32,6 @@ from gazempc.recordings.readers.tables.header import (
     rows_of_person,
 )
 from gazempc.recordings.readers.tables.mapping import (
-    PERSON,
     ColumnMapping,
     ShippedMapping,
     parse_columns,
@@ -40,7 +39,7 @@ from gazempc.recordings.readers.tables.mapping import (
     saved_places,
 )
 from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
-from gazempc.recordings.readers.tables.raw_table import RawTable, is_number, read_text_table, wide
+from gazempc.recordings.readers.tables.raw_table import PERSON, RawTable, is_number, read_text_table, wide
 from gazempc.recordings.readers.tables.values import read_parts, ros_frame
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
@@ -99,7 +98,7 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
         notes += more
     elif person is not None and mapping.person is None:
         raise SettingsError(f"--reading.person {person}: {path} has no column of person ids; add person=COLUMN")
-    mapping = mapping.of_person(identity)
+    table = replace(table, person=identity)
     times_s, track = read_parts(table, mapping)
     known, selected = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
@@ -154,7 +153,7 @@ def remember_columns(path: Path, options: ReadOptions) -> str:
     try:
         write_whole(saved, f"# Columns of {path.name}\n{as_toml(mapping.texts())}")
     except OSError as error:
-        return f"columns not saved: {saved}: {error.strerror}"
+        return f"columns not saved: {saved}: {error.strerror}; expected: a writable folder"
     return f"columns saved in {saved}"
 
 
@@ -237,7 +236,7 @@ def _columns_exist(table: RawTable, values: dict[str, str]) -> bool:
     names = people_in_header(table, values["head"]) if PERSON in values["head"] else [""]
     try:
         # All people have the same columns.
-        read_parts(table, mapping.of_person(names[0] if names else ""))
+        read_parts(replace(table, person=names[0] if names else ""), mapping)
         return bool(names) and (mapping.person is None or table.find(mapping.person) is not None)
     except RecordingError as error:
         return bool(names) and error.where != "header"

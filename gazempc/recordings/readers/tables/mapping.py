@@ -13,8 +13,6 @@ from gazempc.files.documents import read_settings
 from gazempc.recordings.readers.tables.raw_table import Layout
 from gazempc.specfiles import explain, parse_spec
 
-PERSON = "{person}"
-
 
 class ColumnMapping(BaseModel):
     """Which columns are time, head, pelvis and person; each value is columns and, after a colon, their unit or order.
@@ -58,11 +56,6 @@ class ColumnMapping(BaseModel):
     def over(self, base: ColumnMapping) -> ColumnMapping:
         """This mapping, completed by another one."""
         return ColumnMapping.model_validate({**base.texts(), **self.texts()})
-
-    def of_person(self, name: str) -> ColumnMapping:
-        """This mapping with a person's name, which may be empty, in place of ``{person}``."""
-        own = {key: text.replace(f"{PERSON}:", f"{name}:" if name else "") for key, text in self.texts().items()}
-        return ColumnMapping.model_validate({key: text.replace(PERSON, name) for key, text in own.items()})
 
     def as_option(self) -> str:
         """The mapping as `--reading.columns` takes it."""

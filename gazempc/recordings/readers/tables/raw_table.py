@@ -29,6 +29,9 @@ from gazempc.files.bounds import MEGABYTE
 from gazempc.files.text import decode, read_bytes
 from gazempc.types import FloatArray
 
+# Stands for the name of a person of the header in the values of a mapping.
+PERSON = "{person}"
+
 Layout = Literal["plain", "no header", "motive", "vicon", "mvnx", "openpose"]
 
 # Texts for a missing value.
@@ -62,6 +65,7 @@ class RawTable:
         units: Units of columns, by name, if stated in the file.
         rate_hz: Frame rate, if stated in the file.
         notes: Remarks of the reader.
+        person: Name of the person in the header, for ``{person}`` in the values of a mapping; may be empty.
     """
 
     path: Path
@@ -72,6 +76,7 @@ class RawTable:
     units: Mapping[str, str] = field(default_factory=dict)
     rate_hz: float | None = None
     notes: tuple[str, ...] = ()
+    person: str = ""
 
     def place(self, index: int) -> str:
         """Place of a row in the file, such as ``row 17``."""
@@ -111,6 +116,7 @@ class RawTable:
 
     def find(self, text: str) -> str | None:
         """Name of the column for a mapping's value; None if there is no such column."""
+        text = self._of_person(text)
         number = _NUMBER.fullmatch(text)
         if number and 0 < int(number[1]) <= len(self.names):
             return self.names[int(number[1]) - 1]
@@ -123,12 +129,13 @@ class RawTable:
             RecordingError: If there is no such column.
         """
         if (found := self.find(text)) is None:
-            raise self.missing(f"column {text!r}", text)
+            wanted = self._of_person(text)
+            raise self.missing(f"column {wanted!r}", wanted)
         return found
 
     def group(self, text: str, alphabets: Sequence[Sequence[str]]) -> list[str] | None:
         """Columns of a group such as ``head`` for ``head_x``, ``head_y``, ``head_z``; None if missing."""
-        base = text.casefold()
+        base = self._of_person(text).casefold()
         for letters, joint in product(alphabets, _SEPARATORS):
             for wanted in ([f"{base}{joint}{c}" for c in letters], [f"{c}{joint}{base}" for c in letters]):
                 if all(name in self._by_name for name in wanted):
@@ -142,6 +149,11 @@ class RawTable:
         problem = f"no {what}{hint}; found {shown(', '.join(self.names), 200)}"
         expected = "names of columns in the header or, without a header, their numbers"
         return RecordingError(self.path, "header", problem, expected)
+
+    def _of_person(self, text: str) -> str:
+        """A column of a mapping with the person's name."""
+        own = text.replace(f"{PERSON}:", f"{self.person}:" if self.person else "")
+        return own.replace(PERSON, self.person)
 
     @cached_property
     def _by_name(self) -> dict[str, str]:
