@@ -281,7 +281,7 @@ def _run(settings: HumanSettings, _: str) -> int:
     given = gz.load_neck(settings.neck)
     neck = human.with_motion(given, "human")
     if neck.body is not None:
-        raise SettingsError(f"--neck {settings.neck}: accepted: eyes and no body, as a body takes part in large shifts")
+        raise SettingsError(f"--neck {settings.neck}: its body takes part in large shifts; accepted: eyes and no body")
     scale = min(human.motor_scale(given.pan), human.motor_scale(given.tilt))
     shifts = make_shifts(neck, settings.controller)
     print(f"Neck {neck.name}, {settings.controller}. The motors reach {scale:.2f} of the velocity of people's heads.")

@@ -37,8 +37,11 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_members(archive, len(data))
-            names = {member.filename.removesuffix(".npy"): member for member in archive.infolist()}
-            return {name: npy.read_array(archive.open(member), allow_pickle=False) for name, member in names.items()}
+            arrays = {}
+            for member in archive.infolist():
+                with archive.open(member) as content:
+                    arrays[member.filename.removesuffix(".npy")] = npy.read_array(content, allow_pickle=False)
+            return arrays
     except (OSError, ValueError):
         raise
     except Exception as error:  # a damaged archive makes the libraries raise errors of many unrelated classes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -27,6 +28,11 @@ _AXES: dict[Axes, tuple[tuple[int, int, int], ...]] = {
 }
 # Length of the joint history: maximum age of observations in a live loop.
 _MEMORY_S = 2.0
+
+
+@lru_cache(maxsize=16)  # made for each observation otherwise
+def _turn(roll_pitch_yaw_deg: tuple[float, float, float]) -> Rotation:
+    return Rotation.from_euler("xyz", roll_pitch_yaw_deg, degrees=True)
 
 
 class Mount(Settings):
@@ -57,7 +63,7 @@ class Mount(Settings):
     @property
     def turn(self) -> Rotation:
         """Rotation from the sensor's frame to its parent frame."""
-        return Rotation.from_euler("xyz", self.roll_pitch_yaw_deg, degrees=True)
+        return _turn(self.roll_pitch_yaw_deg)
 
     def in_sensor(self, observation: HeadObservation) -> HeadObservation:
         """An observation in metres, x forward, y left, z up of the sensor.

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
@@ -51,6 +51,11 @@ class MountedSettings(GazeSettings):
     use_ids: bool = Field(default=True, description="Use the tracker's names of people")
     loop: LiveLoopSettings = LiveLoopSettings()
     options: RobotOptions = RobotOptions()
+
+    @field_validator("loop", mode="before")
+    @classmethod
+    def _of_a_live_loop(cls, loop: Any) -> Any:
+        return loop.model_dump(exclude_unset=True) if type(loop) is LoopSettings else loop
 
 
 class LiveSettings(MountedSettings, StageSettings):
@@ -105,7 +110,8 @@ class LiveSettings(MountedSettings, StageSettings):
     )
     figures: bool = Field(default=True, description="Draw angles.png from the last log")
     probe: bool = Field(
-        default=False, description="Robots visca and onvif: print identity and functions of the camera, then end"
+        default=False,
+        description="Robots visca and onvif: print identity and functions of the camera without moving it, then end",
     )
 
     @property

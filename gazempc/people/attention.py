@@ -116,7 +116,8 @@ class Attention:
         if gone:
             # Before the call of the policy, which may raise: a departed person must not stay attended.
             self._attend(None, time_s, "left")
-        chosen = next((person.number for person in people if person.tracker_id == self.chosen_id is not None), None)
+        named = (person for person in people if self.chosen_id is not None)
+        chosen = next((person.number for person in named if person.tracker_id == self.chosen_id), None)
         if chosen is not None:
             if chosen != self.attended.number:
                 self._attend(chosen, time_s, "policy")

@@ -74,10 +74,10 @@ class Engagement:
         for person in company.people:
             value = visual_engagement(person)
             if value is not None:
-                self._pending(person.number, company.time_s, value)
+                self._update_person(person.number, company.time_s, value)
         return {person.number: self._decided.get(person.number) for person in company.people}
 
-    def _pending(self, number: int, time_s: float, value: float) -> None:
+    def _update_person(self, number: int, time_s: float, value: float) -> None:
         seen = self._seen.setdefault(number, deque())
         if seen and time_s - seen[-1][0] > _GAP_S:
             seen.clear()

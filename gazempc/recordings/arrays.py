@@ -55,8 +55,9 @@ def recording_from_arrays(
         pelvis_position_m=pelvis_m,
         pelvis_quat_wxyz=_quats(name, "pelvis_quat_wxyz", pelvis_quat_wxyz, times.size),
     )
-    found = recording_of(Path(name), times, track, "motion capture", in_base_frame, "row {}".format)
-    return replace(found, name=name, source="arrays", labels=Labels(subject=name.partition("_")[0]))
+    labels = Labels(subject=name.partition("_")[0])
+    found = recording_of(Path(name), times, track, "motion capture", in_base_frame, "row {}".format, labels=labels)
+    return replace(found, name=name, source="arrays")
 
 
 def _array(name: str, field: str, value: ArrayLike, shape: tuple[int | str, ...]) -> FloatArray:

@@ -239,6 +239,8 @@ def join_logs(logs: Sequence[Log]) -> Log:
     Raises:
         ValueError: If there is no log.
     """
+    if not logs:
+        raise ValueError("no logs to join; expected at least one")
     joined: dict[str, Any] = {
         f.name: np.concatenate([getattr(log, f.name) for log in logs]) for f in fields(Log) if f.name not in _ONCE
     }

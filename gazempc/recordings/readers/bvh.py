@@ -169,8 +169,7 @@ def _heights(bvh: Bvh, up: FloatArray, up_at_rest: FloatArray) -> tuple[float, f
 
 
 Pairs = list[tuple[int, int]]
-_RIGHT = {"left": "right", "lft": "rgt", "l": "r"}
-_SIDES = {*_RIGHT, *_RIGHT.values()}
+_SIDES = {"left": "left", "l": "left", "lft": "left", "right": "right", "r": "right", "rgt": "right"}
 # Exporters' prefixes of names: Mixamo, and bones of Blender's Rigify.
 _PREFIX = re.compile(r"^(mixamorig\d*|(DEF|ORG|MCH)-)")
 _TIP_WORDS = {"end", "top", "tip", "nub"}
@@ -322,15 +321,35 @@ def axis_name(vector: FloatArray) -> str:
 
 
 def _pairs(joints: list[Joint]) -> Pairs:
-    """Pairs of a left joint and its right twin, whose names differ only in the side (LeftUpLeg, lfemur, thigh.L)."""
-    names = [joint.name.lower() for joint in joints]
-    place = {name: index for index, name in reversed(list(enumerate(names)))}
-    return [
-        (index, place[twin])
-        for index, name in enumerate(names)
-        for side in re.finditer("left|lft|l", name)
-        if (twin := f"{name[: side.start()]}{_RIGHT[side[0]]}{name[side.end() :]}") in place
-    ]
+    """Pairs of a left joint and its right twin, by their names.
+
+    Names have a word or a letter for the side (LeftUpLeg, lThigh, thigh.L), or else differ in l and r at the beginning
+    or the end (lfemur and rfemur, as CMU has them).
+    """
+    sides: dict[tuple[str, ...], dict[str, int]] = {}
+    for index, joint in enumerate(joints):
+        side, rest = _side(_words(joint.name))
+        sides.setdefault(rest, {}).setdefault(side, index)
+    pairs = [(pair["left"], pair["right"]) for pair in sides.values() if pair.keys() >= {"left", "right"}]
+    place = {"".join(_words(joint.name)): index for index, joint in enumerate(joints)}
+    by_letter = {
+        (left, place[twin])
+        for name, left in place.items()
+        for letter, twin in ((name[:1], f"r{name[1:]}"), (name[-1:], f"{name[:-1]}r"))
+        if letter == "l" and twin in place
+    }
+    return pairs or sorted(by_letter)
+
+
+def _side(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    """Side of a joint (left, right or nothing) and the other words of its name."""
+    for k, word in enumerate(words):
+        if word in _SIDES:
+            return _SIDES[word], words[:k] + words[k + 1 :]
+        for side in ("left", "right"):
+            if word.startswith(side):
+                return side, (*words[:k], word[len(side) :], *words[k + 1 :])
+    return "", words
 
 
 def _words(name: str) -> tuple[str, ...]:
@@ -343,7 +362,9 @@ def _named(joints: list[Joint], names: tuple[str, ...]) -> list[int]:
     """Joints with one of these names, else with it as last word (Bip01 Head) and of neither side."""
     split = [_words(joint.name) for joint in joints]
     whole = [[k for k, those in enumerate(split) if "".join(those) == name] for name in names]
-    last = [[k for k, those in enumerate(split) if those[-1:] == (n,) and not set(those) & _SIDES] for n in names]
+    last = [
+        [k for k, those in enumerate(split) if those[-1:] == (n,) and not set(those) & _SIDES.keys()] for n in names
+    ]
     return next((found for found in (*whole, *last) if found), [])
 
 

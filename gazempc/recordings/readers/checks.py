@@ -15,7 +15,7 @@ from scipy.interpolate import make_smoothing_spline
 
 from gazempc.errors import RecordingError
 from gazempc.recordings.readers.labels import labels_for
-from gazempc.recordings.recording import DataKind, Recording, Track, truth_of
+from gazempc.recordings.recording import DataKind, Labels, Recording, Track, truth_of
 from gazempc.types import FloatArray
 
 Place = Callable[[int], str]
@@ -52,6 +52,7 @@ def recording_of(
     place: Place = "frame {}".format,
     note: str = "",
     notes: Sequence[str] = (),
+    labels: Labels | None = None,
 ) -> Recording:
     """Check length, time stamps, units, vertical axis and plausibility of a track, and build the recording.
 
@@ -66,9 +67,10 @@ def recording_of(
         place: Place of a frame in the file.
         note: The format's units, and options that change the reading, for messages.
         notes: Notes on inferred and omitted data.
+        labels: The labels; default: those of the index file beside the file.
 
     Returns:
-        The recording, named after the file, with the labels of the index file beside it.
+        The recording, named after the file.
 
     Raises:
         RecordingError: Names the first check that fails.
@@ -97,7 +99,7 @@ def recording_of(
         truth=replace(track, head_position_m=head_m, pelvis_position_m=pelvis_m),
         measured=track if measured else None,
         has_robot=has_robot,
-        labels=labels_for(path, times_s, path_m),
+        labels=labels or labels_for(path, times_s, path_m),
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -132,8 +134,11 @@ def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
     Raises:
         RecordingError: Names the first such frame, its time stamp and the one before it.
     """
-    # Not a number is not later than any other.
-    wrong = ~(times[1:] > times[:-1])
+    if not np.isfinite(times).all():
+        index = int(np.argmin(np.isfinite(times)))
+        problem = f"the time stamp is {times[index]:g}"
+        raise RecordingError(source, place(index), problem, "finite time stamps, each larger than the one before")
+    wrong = times[1:] <= times[:-1]
     if wrong.any():
         index = int(np.argmax(wrong)) + 1
         before, now = float(times[index - 1]), float(times[index])

@@ -195,8 +195,8 @@ class FieldOfView(_Table):
             Shape (N,).
         """
         azimuth_deg, elevation_deg = np.degrees(pan_tilt_rad(positions_m)).T
-        across, along = np.abs(azimuth_deg) <= self.horizontal_deg / 2, np.abs(elevation_deg) <= self.vertical_deg / 2
-        return np.asarray(across & along)
+        in_width = np.abs(azimuth_deg) <= self.horizontal_deg / 2
+        return np.asarray(in_width & (np.abs(elevation_deg) <= self.vertical_deg / 2))
 
 
 def _check_order(what: str, unit: str, low: float, high: float) -> None:

@@ -16,6 +16,7 @@ from gazempc.errors import RobotError, SettingsError
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.results.moments import TickMoment
 from gazempc.results.motion import limit_violations
+from gazempc.settings import LoopSettings
 
 
 def gaze(robot, **settings):
@@ -54,8 +55,9 @@ def test_the_gaze_follows_and_the_neck_is_braked_however_the_block_ends():
 
 
 def test_a_setting_of_the_loop_keeps_the_defaults_of_a_live_loop():
-    usual, changed = gaze(Robot()).settings.loop, gaze(Robot(), loop={"lost_after_s": 2.0}).settings.loop
-    assert changed == usual.model_copy(update={"lost_after_s": 2.0})
+    usual = gaze(Robot()).settings.loop
+    for loop in ({"lost_after_s": 2.0}, LoopSettings(lost_after_s=2.0)):
+        assert gaze(Robot(), loop=loop).settings.loop == usual.model_copy(update={"lost_after_s": 2.0})
     assert usual.compute_delay_s > 0.0
 
 

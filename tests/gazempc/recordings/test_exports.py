@@ -70,8 +70,9 @@ def test_hidden_markers_in_half_of_the_rows_are_refused(tmp_path):
         load(exports.motive(tmp_path / "b.csv", blank=range(25)))
 
 
-def test_vicon_markers_are_read(tmp_path):
-    recording = load(exports.vicon_markers(tmp_path / "a.csv", lost=[3]))
+@pytest.mark.parametrize("subject", ["Anna", "Anna-Maria", "P1+2", "a:b"])
+def test_vicon_markers_are_read(subject, tmp_path):
+    recording = load(exports.vicon_markers(tmp_path / "a.csv", subject, lost=[3]))
     known = np.arange(exports.FRAMES) != 3
     np.testing.assert_allclose(recording.truth.head_position_m, Walk.head_m, atol=2e-6)
     np.testing.assert_allclose(recording.truth.pelvis_position_m[known], Walk.pelvis_m[known], atol=2e-6)

@@ -117,6 +117,15 @@ def test_the_unit_of_a_sitting_person_is_that_of_the_rest_pose(tmp_path):
     assert "unit cm (1.60 m high in the rest pose)" in recording.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("left", "right"), [("Left_UpLeg", "RightUpLeg"), ("Left UpLeg", "RightUpLeg"), ("LftUpLeg", "RightUpLeg")]
+)
+def test_sides_are_paired_by_words(left, right, tmp_path):
+    named = Y_UP.replace("LeftUpLeg", left).replace("RightUpLeg", right)
+    frames = [[10, 95, 1.0 * k, *[0.0] * 15] for k in range(N)]
+    assert "by left and right joints" in load(write(tmp_path / "a.bvh", named, frames)).notes[0]
+
+
 def test_horizontal_legs_in_the_rest_pose_give_no_height(tmp_path):
     """Legs point backwards at rest (70 units of height, a person in inches), and down in the motion."""
     legs_back = Y_UP.replace("OFFSET 0.0 -90.0 0.0", "OFFSET 0.0 0.0 -90.0")

@@ -130,7 +130,7 @@ def in_metres(table: RawTable, text: str, what: str) -> FloatArray:
     """
     body, words = split_options(text, tuple(LENGTHS_M))
     plus, minus, unit = points(table, body, what)
-    if minus:
+    if minus or not plus:
         raise RecordingError(table.path, f"mapping of the {what}", f"{text!r}", "a sum of points: A+B")
     unit = (words or [unit or "m"])[-1]
     if unit not in LENGTHS_M:
