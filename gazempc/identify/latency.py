@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from gazempc.identify.estimate import Z_95, Interval, fit
+from gazempc.identify.estimate import Interval
 from gazempc.identify.record import IdentificationError
+from gazempc.identify.servo_fit import Z_95, fit
 from gazempc.results.log import Log
 from gazempc.types import FloatArray
 

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from gazempc.identify.estimate import Z_95, Interval, fit
+from gazempc.identify.estimate import Interval
 from gazempc.identify.record import IdentificationError
+from gazempc.identify.servo_fit import Z_95, fit
 from gazempc.live.sources.camera.blazeface import import_opencv
 from gazempc.types import BoolArray, FloatArray
 

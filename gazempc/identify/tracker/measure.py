@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
-from gazempc.identify.estimate import Z_95, Interval
+from gazempc.identify.estimate import Interval
+from gazempc.identify.servo_fit import Z_95
 from gazempc.identify.tracker.read import HeadTrack
 from gazempc.types import BoolArray, FloatArray, IntArray
 

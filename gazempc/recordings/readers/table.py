@@ -39,7 +39,8 @@ from gazempc.recordings.readers.tables.mapping import (
     saved_places,
 )
 from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
-from gazempc.recordings.readers.tables.raw_table import PERSON, RawTable, is_number, read_text_table, wide
+from gazempc.recordings.readers.tables.raw_table import PERSON, RawTable, is_number, wide
+from gazempc.recordings.readers.tables.text_table import read_text_table
 from gazempc.recordings.readers.tables.values import read_parts, ros_frame
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names

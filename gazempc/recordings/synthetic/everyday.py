@@ -13,25 +13,27 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from gazempc.recordings.recording import Labels, Recording, Track
+from gazempc.recordings.synthetic.gait import (
+    PELVIS_HEIGHT_RATIO,
+    WalkerTraits,
+    bounded_normal,
+    draw_walkers,
+    slow_variation,
+    step_rate_hz,
+    walk_motion,
+)
 from gazempc.recordings.synthetic.walks import (
     DATASET_SEED,
     FRAME_RATE_HZ,
     MINIMUM_JERK_PEAK,
-    PELVIS_HEIGHT_RATIO,
     PITCH_WANDER_RAD,
     ROLL_WANDER_RAD,
     SENSOR_HEIGHT_M,
     SUBJECTS,
     HeadingProfile,
-    WalkerTraits,
-    bounded_normal,
-    draw_walkers,
     place_in_view,
     quat_wxyz,
-    slow_variation,
-    step_rate_hz,
     synthetic,
-    walk_motion,
 )
 from gazempc.types import FloatArray
 

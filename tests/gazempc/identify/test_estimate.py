@@ -9,11 +9,12 @@ from builders.replays import at_100_hz
 from scipy import signal
 
 from gazempc.files.documents import as_toml
-from gazempc.identify.estimate import Z_95, ServoModel, bandwidth_hz, estimate_axis, robust_covariance
+from gazempc.identify.estimate import bandwidth_hz, estimate_axis
 from gazempc.identify.excitation import ExcitationSettings, excite
 from gazempc.identify.identify import main as identify
 from gazempc.identify.latency import estimate_latency
 from gazempc.identify.record import IdentificationError
+from gazempc.identify.servo_fit import Z_95, ServoModel, robust_covariance
 from gazempc.neck.spec import load_neck
 
 TRUTHS = [
