@@ -8,7 +8,7 @@ from pathlib import Path
 from gazempc.errors import RecordingError, suggest
 from gazempc.files.bounds import check_file
 from gazempc.recordings.readers.bag import read_bag, read_bag_people
-from gazempc.recordings.readers.bag_frames import FILE_ENDINGS
+from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
 from gazempc.recordings.readers.bvh import read_bvh
 from gazempc.recordings.readers.kinect import is_kinect, read_kinect
 from gazempc.recordings.readers.options import ReadOptions

@@ -12,7 +12,8 @@ import numpy as np
 from gazempc.command import Progress
 from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
-from gazempc.identify.tracker.measure import Errors, TrackerErrors, measure_tracker
+from gazempc.identify.tracker.errors import Errors
+from gazempc.identify.tracker.measure import TrackerErrors, measure_tracker
 from gazempc.identify.tracker.read import HeadTrack, read_track
 from gazempc.results.table import aligned
 from gazempc.types import FloatArray

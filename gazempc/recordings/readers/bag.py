@@ -16,21 +16,23 @@ import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, suggest
 from gazempc.recordings.readers.bag_frames import (
-    FACES,
     FIXED_FRAMES,
-    POSE_TYPES,
-    TF,
     Axes,
-    BagMessage,
     FrameTree,
     Poses,
     forward,
     person_axes,
-    person_of_topic,
     poses_of,
+    usable,
+)
+from gazempc.recordings.readers.bag_messages import (
+    FACES,
+    POSE_TYPES,
+    TF,
+    BagMessage,
+    person_of_topic,
     read_messages,
     stamp_ns,
-    usable,
 )
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions

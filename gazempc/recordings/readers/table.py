@@ -23,6 +23,7 @@ from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
 from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.tables.body_poses import read_parts, ros_frame
 from gazempc.recordings.readers.tables.header import (
     NEEDED,
     choose_from_header,
@@ -41,7 +42,6 @@ from gazempc.recordings.readers.tables.mapping import (
 from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
 from gazempc.recordings.readers.tables.raw_table import PERSON, RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
-from gazempc.recordings.readers.tables.values import read_parts, ros_frame
 from gazempc.recordings.recording import Recording, Track
 from gazempc.specfiles import load_spec, shipped_names
 

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from gazempc.live.sources.ros4hri import Ros4HriPeople
 from gazempc.loop.events import Event
 from gazempc.recordings.readers.bag import people_in
-from gazempc.recordings.readers.bag_frames import FrameTree, forward, read_messages
+from gazempc.recordings.readers.bag_frames import FrameTree, forward
+from gazempc.recordings.readers.bag_messages import read_messages
 
 BODIES, PERSONS = (f"/humans/{part}/tracked" for part in ("bodies", "persons"))
 # x of a face against the camera's z.
