@@ -55,6 +55,7 @@ class MountedSettings(GazeSettings):
     @field_validator("loop", mode="before")
     @classmethod
     def _of_a_live_loop(cls, loop: Any) -> Any:
+        # A plain `LoopSettings` keeps its values and gets the computing delay of a live loop.
         return loop.model_dump(exclude_unset=True) if type(loop) is LoopSettings else loop
 
 
