@@ -118,7 +118,13 @@ def test_the_unit_of_a_sitting_person_is_that_of_the_rest_pose(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("left", "right"), [("Left_UpLeg", "RightUpLeg"), ("Left UpLeg", "RightUpLeg"), ("LftUpLeg", "RightUpLeg")]
+    ("left", "right"),
+    [
+        ("Left_UpLeg", "RightUpLeg"),
+        ("Left UpLeg", "RightUpLeg"),
+        ("LftUpLeg", "RightUpLeg"),
+        ("leftupleg", "rightupleg"),
+    ],
 )
 def test_sides_are_paired_by_words(left, right, tmp_path):
     named = Y_UP.replace("LeftUpLeg", left).replace("RightUpLeg", right)
