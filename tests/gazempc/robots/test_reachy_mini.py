@@ -16,7 +16,6 @@ import pytest
 from builders.ports import free_port
 from builders.robots import with_both
 from builders.waiting import tried, wait_for
-from gazempc.robots.reachy_mini_pose import clamp_to_head, head_angles, head_matrix
 from hypothesis import given
 from hypothesis import strategies as st
 from reachy_mini_server import daemon, recorded
@@ -26,6 +25,7 @@ from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import load_neck
 from gazempc.robots.options import ReachyMiniOptions
 from gazempc.robots.reachy_mini import ReachyMiniNeck
+from gazempc.robots.reachy_mini_pose import clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
 WIDE = with_both(NECK, position_min_deg=-170, position_max_deg=170)
