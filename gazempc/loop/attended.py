@@ -165,7 +165,7 @@ class AttendedPeople:
                 recorder.event(time_s, Event.ATTENTION_SWITCHED)
                 self.newest_capture_s = track.seen_s
             elif now.number is None:
-                recorder.event(time_s, Event.NOBODY_ATTENDED)
+                recorder.event(time_s, Event.NO_PERSON_ATTENDED)
         soon = None if self.attention.candidate is None else self.people.track(self.attention.candidate)
         if soon is not None:
             with boundary(self.predictor, "update", partial(recorder.event, time_s, Event.FORECAST_FAILED)):

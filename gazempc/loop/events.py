@@ -113,7 +113,7 @@ class Event(StrEnum):
     ANOTHER_PERSON = "another_person", "an observation of a person who is not attended; used for their track"
     SEEN_TWICE = "seen_twice", "a second detection of a person in one frame; dropped"
     ATTENTION_SWITCHED = "attention_switched", "the robot now looks at another person"
-    NOBODY_ATTENDED = "nobody_attended", "no person is tracked, or the policy chooses none"
+    NO_PERSON_ATTENDED = "no_person_attended", "no person is tracked, or the policy chooses none"
     POLICY_FAILED = "policy_failed", "the attention policy raised an exception; the robot looks at the same person"
     ATTENTION_NOT_SENT = "attention_not_sent", "a report of the attended person could not be sent; the run goes on"
     LOOK_AWAY_LEFT_OUT = "look_away_left_out", "a look away cannot be done in time, or overlaps another; skipped"

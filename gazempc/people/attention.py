@@ -18,7 +18,7 @@ class AttentionState:
     Attributes:
         person: Number of the person, in order of entry; None for no person, or if people are not distinguished.
         person_id: The tracker's name; None if there is none.
-        why: ``policy``, ``left`` or ``nobody``, as in `gazempc.people.attention.Attended`; ``one`` if people are not
+        why: ``policy``, ``left`` or ``no_person``, as in `gazempc.people.attention.Attended`; ``one`` if people are not
             distinguished; ``ended`` at the end of a run.
         since_s: Start of attention to the person; None before the first decision.
         stays_until_s: Earliest time of a switch; None for no person.
@@ -29,7 +29,7 @@ class AttentionState:
 
     person: int | None = None
     person_id: str | None = None
-    why: str = "nobody"
+    why: str = "no_person"
     since_s: float | None = None
     stays_until_s: float | None = None
     away_why: str | None = None
@@ -48,12 +48,12 @@ class Attended:
     Attributes:
         number: Number of the person; None for no person.
         since_s: Start of attention, seconds.
-        why: ``policy`` for the policy's choice; ``left`` if the previous person had left; ``nobody`` for no person.
+        why: ``policy`` for the policy's choice; ``left`` if the previous person had left; ``no_person`` for no person.
     """
 
     number: int | None = None
     since_s: float = -math.inf
-    why: str = "nobody"
+    why: str = "no_person"
 
 
 class Attention:
@@ -134,7 +134,7 @@ class Attention:
                 self._consider(best, time_s)
             better_s, looked_s = time_s - self._candidate_since_s, time_s - self.attended.since_s
             if better_s >= self._settings.hysteresis_s and looked_s >= self._settings.dwell_s:
-                self._attend(best, time_s, "policy" if best is not None else "nobody")
+                self._attend(best, time_s, "policy" if best is not None else "no_person")
         return self.attended
 
     def _best(self, company: Company) -> int | None:

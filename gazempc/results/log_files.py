@@ -34,6 +34,8 @@ SHAPES: Mapping[str, tuple[str | int, ...]] = {
     for name, hint in get_type_hints(Log, include_extras=True).items()
     if name not in ("run", "faults")  # JSON text in the file
 }
+# Names in logs of earlier versions, by array: old and new.
+_RENAMED = {"event_name": ("nobody_attended", "no_person_attended"), "attended_why": ("nobody", "no_person")}
 _KINDS = {"person_id": "U", "event_name": "U", "attended_why": "U", "away_why": "U", "attended_person": "i"}
 
 
@@ -185,4 +187,6 @@ def load_log(path: Path | str) -> Log:
             f"{path}: the description of the run cannot be read: {shown(str(error), _REASON_SHOWN)}"
         ) from None
     check_shapes(path, values, values["run"].neck.joints, FORECAST_HORIZONS_S)
+    for name, (old, new) in _RENAMED.items():
+        values[name] = np.where(values[name] == old, new, values[name])
     return Log(**{name: values[name] for name in wanted})

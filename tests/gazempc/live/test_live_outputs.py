@@ -124,7 +124,7 @@ def test_a_failed_write_is_an_event_and_the_run_continues():
     with AttentionOutlet(nullcontext(send), setup.clock) as outlet:
         run = LiveRun(setup, lambda log, _: logs.append(log), attention=outlet.report)
         run.run(threading.Event(), 1.0)
-    assert [each["why"] for each in lines[::2]] == ["nobody", "ended"]
+    assert [each["why"] for each in lines[::2]] == ["no_person", "ended"]
     assert run.logs.events["attention_not_sent"] == 1
     assert "No space left on device" in next(f.line for f in run.logs.faults if f.event == "attention_not_sent")
     assert logs[0].attended_person.tolist() == [1]

@@ -100,9 +100,9 @@ def test_observations_refused_by_the_predictor_are_counted():
     assert bench.recorder.used == 0
 
 
-def test_nobody_is_attended_while_all_people_are_lost():
+def test_no_person_is_attended_while_all_people_are_lost():
     bench = Bench().show(0.8, stands(2.0, 1.0), stands(3.0, -1.0)).show(1.2)
-    assert bench.events[-1] == "nobody_attended"
+    assert bench.events[-1] == "no_person_attended"
     assert bench.target.forecast(np.array([2.5]), bench.time_s, bench.recorder) is None
     bench.show(0.5, stands(5.0, 2.0))
     assert [number for number, _ in bench.attended] == [1, 0, 3]
@@ -131,8 +131,8 @@ def test_a_policy_may_exclude_all_people():
             return [np.nan if company.time_s > 0.6 else 1.0] * len(company.people)
 
     bench = Bench(ExcludesAll()).show(1.5, stands(2.0))
-    assert bench.attended == [(1, "policy"), (0, "nobody")]
-    assert "nobody_attended" in bench.events
+    assert bench.attended == [(1, "policy"), (0, "no_person")]
+    assert "no_person_attended" in bench.events
 
 
 def test_a_late_first_frame_of_the_attended_person_is_used_and_the_newest_time_kept():

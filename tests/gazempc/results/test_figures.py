@@ -28,7 +28,7 @@ from gazempc.results.table import measured_again
 
 EYES = load_neck("reference_eyes")
 ALL = EYES.model_copy(update={"name": "all", "body": load_neck("reachy_mini_body").body})
-ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "nobody"))
+ATTENDED = ((0.5, 1, "policy"), (4.0, 2, "left"), (8.0, 0, "no_person"))
 AWAY = ((5.0, 6.5, "thinking"),)
 
 

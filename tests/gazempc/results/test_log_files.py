@@ -18,11 +18,14 @@ import gazempc as gz
 from gazempc.export import export
 from gazempc.export import main as export_main
 from gazempc.live.mount import Mount
+from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
+from gazempc.results.attention import measure_attention
 from gazempc.results.log import Fault, Log, join_logs, merge_faults
 from gazempc.results.log_files import has_log
 from gazempc.results.mcap import write_mcap
 from gazempc.results.metrics import gaze_error_deg
+from gazempc.results.page.run_page import unusual_of
 from gazempc.run import main as run_main
 from predictors import HeadObservation
 
@@ -58,6 +61,21 @@ def same(one, other):
             np.testing.assert_array_equal(a, b, err_msg=field.name)
         else:
             assert a == b, field.name
+
+
+def test_names_of_earlier_versions_are_read_as_the_present_ones(log, tmp_path):
+    events, people = np.array([0.5, 1.0]), np.array([1, 0])
+    fields = {"event_time_s": events, "attended_time_s": events, "attended_person": people}
+
+    def named(event, why):
+        names = {"event_name": np.array(["gate_refused", event]), "attended_why": np.array(["policy", why])}
+        return dataclasses.replace(log, **fields, **names)
+
+    named("nobody_attended", "nobody").save(tmp_path / "old.npz")
+    old, new = gz.load_log(tmp_path / "old.npz"), named("no_person_attended", "no_person")
+    same(old, new)
+    assert repr(measure_attention(old)) == repr(measure_attention(new))  # NaN, too
+    assert unusual_of(old, MEANINGS) == unusual_of(new, MEANINGS)
 
 
 def test_a_log_is_read_back_bit_for_bit(log, path, tmp_path):
