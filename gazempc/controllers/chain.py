@@ -9,7 +9,7 @@ import numpy as np
 from gazempc.controllers.controller import Situation
 from gazempc.neck.ahead import JointAhead
 from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad, look_at_rad, unwrap_pan
-from gazempc.neck.spec import BODY_AXIS, EYE_AXES, NeckSpec
+from gazempc.neck.spec import BODY_AXIS, EYE_AXES, Eyes, NeckSpec
 from gazempc.types import BoolArray, FloatArray
 
 # Best match with human gaze shifts of 20 deg (docs/eyes.md); smaller values have no further effect.
@@ -82,11 +82,6 @@ class BodyAim(_PlannedJoint):
         limits = neck.command_limits
         self._range_rad = limits.position_min_rad[self._joint], limits.position_max_rad[self._joint]
         self._head_rad = _HEAD_SHARE * min(-limits.position_min_rad[0], limits.position_max_rad[0])
-        #: Least and greatest pan of head and body together, radians.
-        self.reach_rad = (
-            float(limits.position_min_rad[0] + self._range_rad[0]),
-            float(limits.position_max_rad[0] + self._range_rad[1]),
-        )
         self._weights, self._kept = low_pass(math.exp(-neck.control_period_s / _BODY_TIME_S), knots_s.size)
 
     def commands_rad(self, situation: Situation, pan_rad: FloatArray) -> FloatArray:
@@ -213,9 +208,10 @@ class Chain:
         self.body = None if neck.body is None else BodyAim(neck, knots_s)
         self.eyes = None if neck.eyes is None else EyeAim(neck, knots_s)
         limits = neck.command_limits
-        head_rad = float(limits.position_min_rad[0]), float(limits.position_max_rad[0])
-        # Range of the sum of head and body.
-        self._reach_rad = head_rad if self.body is None else self.body.reach_rad
+        # Joints that turn the gaze sideways, without the eyes; with a body (the last joint) the sum of head and body.
+        turning = [0] if self.body is None else [0, -1]
+        low_rad, high_rad = limits.position_min_rad[turning], limits.position_max_rad[turning]
+        self._reach_rad = float(low_rad.sum()), float(high_rad.sum())
         self._geometry = neck.geometry
 
     def eye_times_s(self, start_s: float) -> FloatArray:
@@ -274,21 +270,17 @@ class Chain:
         return np.concatenate([head_rad, self.eyes.commands_rad(situation, means_base_m, others), *body], axis=1)
 
 
-def head_time_s(neck: NeckSpec, given_s: float | None, usual_s: float) -> float:
-    """Smoothing time of the head of a neck with eyes.
+def head_time_s(eyes: Eyes, usual_s: float) -> float:
+    """Default smoothing time of the head of a neck with eyes.
 
     Args:
-        neck: The neck.
-        given_s: Setting of the user, seconds; None for the default of the neck.
-        usual_s: Default for a head without a share for the eyes, seconds.
+        eyes: The eyes.
+        usual_s: Of a head without a share for the eyes, seconds.
 
     Returns:
         Seconds.
     """
-    if given_s is not None:
-        return given_s
-    shares = neck.eyes is not None and min(neck.eyes.head_share_pan, neck.eyes.head_share_up) < 1.0
-    return _SHARED_HEAD_TIME_S if shares else usual_s
+    return _SHARED_HEAD_TIME_S if min(eyes.head_share_pan, eyes.head_share_up) < 1.0 else usual_s
 
 
 def low_pass(keep: float, knots: int) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -137,18 +136,6 @@ class Plan:
     acceleration_rad_s2: FloatArray
     events: tuple[str, ...] = ()
     faults: tuple[ControllerError, ...] = ()
-
-    @staticmethod
-    def of_joints(
-        start_s: float,
-        step_s: float,
-        joints: Sequence[JointPlan],
-        events: tuple[str, ...] = (),
-        faults: Sequence[ControllerError] = (),
-    ) -> Plan:
-        """Join the plans of all joints, in the order of `NeckSpec.joint_names`."""
-        position, velocity, acceleration = np.array(joints).transpose(1, 2, 0)
-        return Plan(start_s, step_s, position, velocity, acceleration, events, tuple(faults))
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position_rad)

@@ -49,12 +49,11 @@ class Mpc:
     Args:
         neck: The neck.
         horizon_s: Length of the optimised motion after the dead time, seconds.
-        smoothing_time_s: T: gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
-            followed; larger is smoother and less exact. None: 0.12, for a neck with less than 0.2 s of dead time and
-            lag 0.62 of these, at least 0.07.
+        smoothing_time_s: T, of the head if the neck has eyes: gaze motion faster than the inverse of this time (in
+            rad/s) is smoothed rather than followed; larger is smoother and less exact. None: 0.12, for a neck with less
+            than 0.2 s of dead time and lag 0.62 of these, at least 0.07; with eyes 0.35, or 0.1 if they have a share of
+            the angle, as people turn such a head at top speed.
         acquisition_time_s: T during acquisition of a person far off the gaze; at most `smoothing_time_s` is used.
-        head_smoothing_time_s: T of the head of a neck with eyes. None: 0.35, or 0.1 if the eyes have a share of the
-            angle, as people turn such a head at top speed.
         terms: Own costs: functions of `gazempc.controllers.mpc.problem.Trajectory` whose value, a convex quadratic
             scalar in rad^2 times control periods, is added to the cost of pan and of tilt; or such lists by the
             joint's name.
@@ -79,7 +78,6 @@ class Mpc:
         horizon_s: float = _DEFAULTS.horizon_s,
         smoothing_time_s: float | None = _DEFAULTS.smoothing_time_s,
         acquisition_time_s: float = _DEFAULTS.acquisition_time_s,
-        head_smoothing_time_s: float | None = _DEFAULTS.head_smoothing_time_s,
         terms: OwnChoice = (),
         rows: OwnChoice = (),
         framing: Framing = _NO_FRAMING,
@@ -87,8 +85,8 @@ class Mpc:
         self.picture = FramedPicture.of(framing, neck)
         if self.picture is not None:
             horizon_s, smoothing_time_s = framing.horizon_s, framing.smoothing_time_s
-        elif neck.eyes is not None:
-            smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
+        elif smoothing_time_s is None and neck.eyes is not None:
+            smoothing_time_s = head_time_s(neck.eyes, _HEAD_TIME_S)
         elif smoothing_time_s is None:
             delay_s = float(np.max((neck.dead_time_s + neck.servo_lag_s)[: len(AXES)]))
             smoothing_time_s = min(max(_SHARE_OF_DELAY * delay_s, SHORTEST_TIME_S), LONGEST_TIME_S)
@@ -158,6 +156,8 @@ class Mpc:
             angles = self.picture.aim_rad(angles, self._mean_rate(angles[: self._times_s.size, 0]))
         references = {name: angles[self._forecasts_of[name], i] for i, name in enumerate(AXES)}
         head, body_rad = list[JointPlan](), None
+        command = situation.command
+        now = np.array((command.position_rad, command.velocity_rad_s, command.acceleration_rad_s2))
         if self._chain.body is not None:
             toward_rad = np.interp(self._knots_s, self._times_s, references["pan"])
             body_rad = self._chain.body.commands_rad(situation, toward_rad)
@@ -165,23 +165,25 @@ class Mpc:
         quick = self._chain.eyes_held(situation).tolist() if situation.held else [False] * len(AXES)
         events, faults = list[str](), list[ControllerError]()
         for i, name in enumerate(AXES):
-            solution = self._solve(i, situation, references[name], quick[i])
-            head.append(self._followed(situation, i, solution))
+            solution = self._solve(i, situation, now[:, i], references[name], quick[i])
+            # First knot: the last command before the plan.
+            head.append(JointPlan(*np.column_stack((now[:, i], solution.command))))
             self._note(i, solution, events, faults)
         head_rad = np.stack([joint.position_rad[1:] for joint in head], axis=-1)
         commands_rad = self._chain.with_eyes(situation, means_base_m[head_times:], head_rad, body_rad)
         events += self._chain.events(commands_rad[0])
-        joints = [*head, *map(self._sampled, commands_rad.T[len(AXES) :])]
+        motions = np.array([*head, *map(self._sampled, commands_rad.T[len(AXES) :])]).transpose(1, 2, 0)
         start_s = situation.start_s - self.neck.servo_period_s
-        return Plan.of_joints(start_s, self.neck.control_period_s, joints, tuple(events), faults)
+        return Plan(start_s, self.neck.control_period_s, *motions, events=tuple(events), faults=tuple(faults))
 
-    def _solve(self, axis: int, situation: Situation, reference_rad: FloatArray, quick: bool) -> Solution:
+    def _solve(
+        self, axis: int, situation: Situation, command: FloatArray, reference_rad: FloatArray, quick: bool
+    ) -> Solution:
         # Python floats: NumPy scalars take several times as long.
-        offset_rad, command = float(situation.joint_offset_rad[axis]), situation.command
+        offset_rad = float(situation.joint_offset_rad[axis])
         joint_rad = float(situation.position_after_dead_time_rad[axis]) - offset_rad
         joint_rad_s = float(situation.velocity_after_dead_time_rad_s[axis])
-        motion = command.position_rad[axis], command.velocity_rad_s[axis], command.acceleration_rad_s2[axis]
-        state = np.array((joint_rad, joint_rad_s, *motion))
+        state = np.concatenate(((joint_rad, joint_rad_s), command))
         # The model has no offset.
         reference_rad = reference_rad - offset_rad
         if self.picture is not None:
@@ -221,12 +223,6 @@ class Mpc:
 
     def _mean_rate(self, angles_rad: FloatArray) -> float:
         return float(angles_rad[-1] - angles_rad[0]) / self._length_s
-
-    def _followed(self, situation: Situation, axis: int, solution: Solution) -> JointPlan:
-        # First knot: the last command before the plan.
-        now = situation.command
-        before = now.position_rad[axis], now.velocity_rad_s[axis], now.acceleration_rad_s2[axis]
-        return JointPlan(*np.column_stack((before, solution.command)))
 
     def _sampled(self, position_rad: FloatArray) -> JointPlan:
         # Eyes and body start by linear extrapolation. A start at the present command would add a
