@@ -133,11 +133,7 @@ def split_address(choice: str) -> tuple[str, str]:
 def is_own(choice: str) -> bool:
     """Whether a choice names a user-defined part, ``module:Class``."""
     module, mark, name = choice.partition(_MARK)
-    return (
-        bool(mark)
-        and module not in ADDRESSED
-        and all(part.isidentifier() for part in [*module.split("."), *name.split(".")])
-    )
+    return bool(mark) and module not in ADDRESSED and all(map(str.isidentifier, f"{module}.{name}".split(".")))
 
 
 def check_choice(kind: Kind, choice: str) -> str:

@@ -64,11 +64,9 @@ def load_settings(path: Path) -> RunSettings:
         SettingsError: If the file cannot be read, or has unknown keys or invalid values; lists all, with suggestions.
     """
     data = parse_yaml(read_settings(path), str(path))
-    if data is None:
-        data = {}
-    if not isinstance(data, dict):
+    if not isinstance(data, dict | None):
         raise SettingsError(f"{path}: expected a mapping of settings such as 'neck: slow', got {shown(data)}")
-    return checked(RunSettings, data, str(path))
+    return checked(RunSettings, data or {}, str(path))
 
 
 def config_path(words: Sequence[str]) -> Path | None:

@@ -143,9 +143,9 @@ class MpcSettings(Settings):
         default=None,
         gt=0,
         le=1,
-        description="Smoothing time T, of the head if the neck has eyes; larger is smoother, less accurate; default "
-        "0.12, down to 0.07 for a neck whose dead time and lag are shorter than 0.2 s; with eyes 0.35, or 0.1 if the head "
-        "leaves a share to them (--motion human)",
+        description="Smoothing time T, of the head if the neck has eyes; larger is smoother, less accurate; "
+        "default 0.12, down to 0.07 for a neck whose dead time and lag are shorter than 0.2 s; with eyes 0.35, or 0.1 "
+        "if the head leaves a share to them (--motion human)",
     )
     acquisition_time_s: float = Field(
         default=0.09, gt=0, le=1, description="T during acquisition from a large gaze error"

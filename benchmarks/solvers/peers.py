@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from benchmarks.solvers.problem import AxisProblem, linear_cost, sparse_program
-from gazempc.controllers.controller import SolverFailed
+from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.condense import COST_SCALE, AxisModel
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.controllers.mpc.qp import Daqp, QpData
@@ -83,7 +83,7 @@ class Gazempc(Peer):
         """See `Peer.solve`."""
         try:
             solutions = [ocp.solve(*given) for ocp, *given in zip(self.ocps, states, references, strict=True)]
-        except SolverFailed as error:
+        except ControllerError as error:
             raise PeerFailedError(str(error)) from None
         if any(solution.solver == "none" for solution in solutions):
             raise PeerFailedError("stopped")

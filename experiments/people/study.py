@@ -20,8 +20,8 @@ from experiments.engine.command import Command
 from experiments.pages import markdown
 from gazempc.errors import RecordingError
 from gazempc.people.company import Company
-from gazempc.people.engagement import Engagement
 from gazempc.people.person import PersonState
+from gazempc.people.policies import Engaged
 from gazempc.people.schedule import LookAways
 from gazempc.recordings.load import load_together
 from gazempc.recordings.synthetic.walks import synthetic_names
@@ -183,7 +183,7 @@ def decided(folder: Path) -> Decided:
 
 
 def _decided(walk: gz.Recording, truth: bool) -> tuple[float, float, float]:
-    engagement, track = Engagement(), walk.measured or walk.truth
+    engagement, track = Engaged(), walk.measured or walk.truth
     found_s: dict[bool | None, float] = {True: 0.0, False: 0.0, None: 0.0}
     step_s = np.diff(walk.times_s, prepend=walk.times_s[0]).tolist()
     for k, time_s in enumerate(walk.times_s.tolist()):

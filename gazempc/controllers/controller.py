@@ -19,20 +19,12 @@ class ControllerError(RuntimeError):
 
     Args:
         text: Description of the fault.
-        event: Name of the event in the log; default: the class attribute.
+        event: Name of the event in the log, such as ``solver_failed``.
     """
 
-    event = "controller_failed"
-
-    def __init__(self, text: str = "", event: str = "") -> None:
+    def __init__(self, text: str = "", event: str = "controller_failed") -> None:
         super().__init__(text)
-        self.event = event or self.event
-
-
-class SolverFailed(ControllerError):  # noqa: N818  (named as its event)
-    """The optimisation failed, for example on input that is not finite."""
-
-    event = "solver_failed"
+        self.event = event
 
 
 _FEWEST_JOINTS = 2  # pan and tilt
@@ -151,12 +143,9 @@ class Plan:
         """End of the plan: one step after the last knot, seconds."""
         return self.start_s + len(self.position_rad) * self.step_s
 
+    @cached_property
     def is_finite(self) -> bool:
         """True if no number is NaN or infinite."""
-        return self._finite
-
-    @cached_property
-    def _finite(self) -> bool:
         # Cached: read at every tick, and a plan is immutable.
         parts = (self.position_rad, self.velocity_rad_s, self.acceleration_rad_s2)
         return all(bool(np.isfinite(part).all()) for part in parts)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,15 +36,8 @@ class PartError(Exception):
         self.error = error
 
 
-class Call(NamedTuple):
-    """A call of a part: name, such as ``MyPredictor.forecast()``, and start time (`time.perf_counter`)."""
-
-    name: str
-    began_s: float
-
-
 # By thread, so that the sending thread can name the call that blocks another one.
-_under_way: dict[int, Call] = {}
+_under_way: dict[int, boundary] = {}
 _slow: dict[int, str] = {}
 
 
@@ -70,18 +62,19 @@ class boundary:  # noqa: N801  (as `contextlib.suppress`)
 
     def __init__(self, part: object, method: str, note: Callable[[PartError], object] | None = None) -> None:
         self._thread, self._note = threading.get_ident(), note
-        self._call = Call(f"{class_of(part)}.{method}()", time.perf_counter())
+        #: Name of the call, such as ``MyPredictor.forecast()``, and its start time (`time.perf_counter`).
+        self.name, self.began_s = f"{class_of(part)}.{method}()", time.perf_counter()
 
     def __enter__(self) -> None:
         """The call begins."""
         self._outer = _under_way.get(self._thread)
-        _under_way[self._thread] = self._call
+        _under_way[self._thread] = self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
         """The call has ended."""
-        took_s = time.perf_counter() - self._call.began_s
+        took_s = time.perf_counter() - self.began_s
         if took_s > SLOW_S:
-            _slow[self._thread] = f"{self._call.name} took {took_s:.3f} s"
+            _slow[self._thread] = f"{self.name} took {took_s:.3f} s"
         if self._outer is None:
             del _under_way[self._thread]
         else:
@@ -90,7 +83,7 @@ class boundary:  # noqa: N801  (as `contextlib.suppress`)
             isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread()
         ):
             return False
-        fault = error if isinstance(error, PartError) else PartError(self._call.name, error)
+        fault = error if isinstance(error, PartError) else PartError(self.name, error)
         if self._note is None:
             raise fault from fault.error
         self._note(fault)
@@ -208,7 +201,7 @@ def checked_plan(plan: object, joints: int) -> Plan:
         numbers(name, getattr(plan, name), shape)
     if not all(isinstance(each, tuple | list) for each in (plan.events, plan.faults)):
         raise ValueError(f"events and faults are {plan.events!r} and {plan.faults!r}, expected tuples")
-    if not plan.is_finite():
+    if not plan.is_finite:
         raise ControllerError("plan() returned numbers that are not finite", Event.PLAN_NOT_FINITE)
     angle_rad, speed_rad_s = (float(np.abs(each).max()) for each in (plan.position_rad, plan.velocity_rad_s))
     if angle_rad > _ANY_ANGLE_RAD or speed_rad_s > _ANY_SPEED_RAD_S:

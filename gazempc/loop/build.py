@@ -121,13 +121,8 @@ def make_controller(
 
 def _by_joint(choices: tuple[str, ...]) -> dict[str, list[Callable[..., Any]]]:
     """Own functions of the MPC by the joint's name, from ``module:function`` or ``pan=module:function``."""
-    found: dict[str, list[Callable[..., Any]]] = {name: [] for name in AXES}
-    for choice in choices:
-        joint, _, place = choice.rpartition("=")
-        function = find(TERM, place)
-        for name in (joint,) if joint else AXES:
-            found[name].append(function)
-    return found
+    parts = [choice.rpartition("=") for choice in choices]
+    return {name: [find(TERM, place) for joint, _, place in parts if joint in ("", name)] for name in AXES}
 
 
 def walker_model(fitted: Path | None, person: str) -> WalkerModel:

@@ -101,7 +101,8 @@ class GazeLoop:
         per_plan = self._neck.servo_ticks_per_plan
         plans = self._last_index is None or index // per_plan != self._last_index // per_plan
         if self._last_index is not None:
-            self._note_sent(*self._sender.skip(index - self._last_index - 1))
+            for skipped_rad in self._sender.skip(index - self._last_index - 1):
+                self._following.sent(skipped_rad)
         self._last_index = index
         arrived = list(arrived)
         self.note_heads(arrived, time_s)
@@ -132,7 +133,7 @@ class GazeLoop:
             # Pending plans start from an unacknowledged command.
             planning.drop(index)
         self._observer.sent(self._sender.sent)
-        self._note_sent(sent_rad)
+        self._following.sent(sent_rad)
         recorder.tick(time_s, measured, sent_rad, self._smoother.motions)
 
     def record_to(self, recorder: LoopRecorder) -> None:
@@ -181,10 +182,6 @@ class GazeLoop:
 
     def _blame(self, time_s: float, event: Event, text: str) -> None:
         self._recorder.event(time_s, event, RobotError(f"{text} ({class_of(self._robot)})"))
-
-    def _note_sent(self, *sent_rad: FloatArray) -> None:
-        for each_rad in sent_rad:
-            self._following.sent(each_rad)
 
     def _next_command(self, time_s: float, due_s: float) -> FloatArray:
         if self._stopping:

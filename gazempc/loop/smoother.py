@@ -228,7 +228,7 @@ class Smoother:
         Returns:
             The commanded angles, shape (N,), radians; see `command` for the motion.
         """
-        if plan is None or time_s >= plan.end_s or not plan.is_finite():
+        if plan is None or time_s >= plan.end_s or not plan.is_finite:
             self.motions = tuple([axis.toward_rest(now) for axis, now in zip(self._axes, self.motions, strict=True)])
             self.intervention = "stale_plan"
             return self._position_rad()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from gazempc.neck.kinematics import wrapped_rad
+from gazempc.neck.kinematics import pan_tilt_rad, unit_vector, wrapped_rad
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
 from predictors import Forecast
@@ -140,8 +140,7 @@ def with_aversion(forecast: Forecast, aversion: Aversion, shift: GazeShift) -> F
         away[0] = wrapped_rad(away[0])
     azimuth, elevation, range_m = person + weight * away
     elevation = np.clip(elevation, -1.5, 1.5)
-    flat_m = range_m * np.cos(elevation)
-    means = np.column_stack([flat_m * np.cos(azimuth), flat_m * np.sin(azimuth), range_m * np.sin(elevation)])
+    means = range_m[:, None] * np.stack(unit_vector(azimuth, elevation), axis=1)
     # Means outside of the aversion stay bitwise identical.
     return replace(forecast, means_base_m=np.where(weight[:, None] > 0.0, means, forecast.means_base_m))
 
@@ -163,8 +162,7 @@ def angles_to(target_base_m: FloatArray, person_base_m: FloatArray) -> tuple[flo
 def _spherical(positions_m: FloatArray) -> FloatArray:
     """Azimuth, elevation and range of positions, shape (3, N), radians and metres."""
     x, y, z = positions_m.T
-    flat_m = np.hypot(x, y)
-    return np.array([np.arctan2(y, x), np.arctan2(z, flat_m), np.hypot(flat_m, z)])
+    return np.vstack([pan_tilt_rad(positions_m).T, np.hypot(np.hypot(x, y), z)])
 
 
 def minimum_jerk(share: FloatArray | np.float64) -> FloatArray:

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from gazempc.people.person import PersonState
 from gazempc.settings import LookAwayMode
@@ -73,37 +73,32 @@ class AttentionPolicy(Protocol):
 _WAITING_MAX = 256
 
 
-@dataclass(frozen=True)
-class Thinking:
+class Thinking(NamedTuple):
     """Gaze aversion of a thinking person; duration in seconds."""
 
     lasts_s: float
 
 
-@dataclass(frozen=True)
-class Speech:
+class Speech(NamedTuple):
     """Time until the start of an utterance, seconds."""
 
     in_s: float
 
 
-@dataclass(frozen=True)
-class Glance:
+class Glance(NamedTuple):
     """Glance at a target: base frame, shape (3,), metres; duration without contact, seconds."""
 
     target_base_m: FloatArray
     lasts_s: float
 
 
-@dataclass(frozen=True)
-class Rhythm:
+class Rhythm(NamedTuple):
     """Change of the rhythm of gaze aversion."""
 
     mode: LookAwayMode
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """Attend the person with this tracker name while present; None: the policy's choice."""
 
     person_id: str | None

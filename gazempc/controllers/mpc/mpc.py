@@ -172,9 +172,11 @@ class Mpc:
         head_rad = np.stack([joint.position_rad[1:] for joint in head], axis=-1)
         commands_rad = self._chain.with_eyes(situation, means_base_m[head_times:], head_rad, body_rad)
         events += self._chain.events(commands_rad[0])
-        motions = np.array([*head, *map(self._sampled, commands_rad.T[len(AXES) :])]).transpose(1, 2, 0)
+        joints = np.array([*head, *map(self._sampled, commands_rad.T[len(AXES) :])])
+        position, velocity, acceleration = joints.transpose(1, 2, 0)
         start_s = situation.start_s - self.neck.servo_period_s
-        return Plan(start_s, self.neck.control_period_s, *motions, events=tuple(events), faults=tuple(faults))
+        period_s = self.neck.control_period_s
+        return Plan(start_s, period_s, position, velocity, acceleration, tuple(events), tuple(faults))
 
     def _solve(
         self, axis: int, situation: Situation, command: FloatArray, reference_rad: FloatArray, quick: bool

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from gazempc.controllers.controller import SolverFailed
+from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.condense import AxisModel, condense, condensed
 from gazempc.controllers.mpc.own import NO_PARTS, OwnParts
 from gazempc.controllers.mpc.problem import PLAIN_DAMPING, Tuning
@@ -133,14 +133,14 @@ class AxisOcp:
             The optimal motion.
 
         Raises:
-            SolverFailed: If an argument is not finite.
+            ControllerError: If an argument is not finite.
         """
         n, end = self._n, self._n + self._within
         parameters = np.concatenate((state, (1.0,), reference_rad))
         free = self.program.gain @ parameters
         most = float(np.maximum.reduce(np.abs(free[:end])))
         if not most < math.inf:
-            raise SolverFailed("state or reference is not finite")
+            raise ControllerError("state or reference is not finite", "solver_failed")
         angles_rad = free[end : end + n] * self._unit_rad  # if bounded
         passes = not_past_rad is not None and ((angles_rad < not_past_rad[0]) | (angles_rad > not_past_rad[1])).any()
         if most <= 1.0 + _ROUNDING and not passes:

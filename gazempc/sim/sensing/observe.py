@@ -125,7 +125,7 @@ def _turned(
     sd_rad = float(np.deg2rad(np.hypot(sensor.yaw_noise_deg, np.hypot(error.noise_deg, error.wander_deg))))
     stated = sd_rad if sensor.states_covariance and sd_rad > 0 else None
     # A recording may have positions only.
-    known = (np.isfinite(quats_wxyz[seen]).all(axis=1) & error.reported).tolist()
+    known = (np.asarray(np.isfinite(quats_wxyz[seen]).all(axis=1)) & error.reported).tolist()
     quats = [quat if is_known else None for quat, is_known in zip(shown, known, strict=True)]
     return quats, [stated if is_known else None for is_known in known]
 

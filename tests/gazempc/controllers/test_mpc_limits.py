@@ -101,7 +101,7 @@ def test_commands_are_within_limits_for_any_neck_state_and_target(axis, seed):
             committed_rad=np.zeros((0, 2)),
         )
         plan = mpc.plan(situation)
-        assert plan.is_finite()
+        assert plan.is_finite
         commands += [smoother.step(now + k * ts, plan) for k in range(neck.servo_ticks_per_plan)]
     x = np.array(commands)
     assert np.all(x <= limits.position_max_rad + 1e-9)
@@ -137,7 +137,7 @@ def test_a_start_outside_the_limits_softens_them_and_is_an_event(seed):
         np.zeros((0, 2)),
     )
     plan = mpc.plan(situation)
-    assert plan.is_finite()
+    assert plan.is_finite
     # An acceleration outside its limit is removed at the jerk limit: only the first knots may violate it.
     outside = np.any(np.abs(plan.velocity_rad_s[1:]) > limits.velocity_max_rad_s * (1 + 1e-4))
     assert not outside or "limits_softened" in plan.events

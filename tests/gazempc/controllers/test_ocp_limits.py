@@ -22,7 +22,7 @@ from builders.ocp import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gazempc.controllers.controller import SolverFailed
+from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.ocp import AxisOcp
 from gazempc.controllers.mpc.qp import Daqp, QpData
 
@@ -223,5 +223,5 @@ def test_nan_and_infinity_are_refused(where, value):
     for k in range(5):
         arguments = [np.zeros(5), np.zeros(N)]
         arguments[where][k] = value
-        with pytest.raises(SolverFailed, match="not finite"):
+        with pytest.raises(ControllerError, match="not finite"):
             OCP.solve(*arguments)

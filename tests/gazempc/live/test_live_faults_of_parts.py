@@ -12,7 +12,7 @@ from builders.live import NECK, WALK, run_live
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gazempc.controllers.controller import SolverFailed
+from gazempc.controllers.controller import ControllerError
 from gazempc.live.clock import RealClock, SimulatedClock
 from gazempc.loop.planner import BackgroundPlanner
 from gazempc.loop.recorder import LoopRecorder
@@ -173,7 +173,7 @@ def test_commands_stay_within_limits_for_any_sequence_of_faults(faults):
 
     def planned(plan):
         if on("solver fails", plan.start_s):
-            raise SolverFailed("made to fail")
+            raise ControllerError("made to fail", "solver_failed")
         changes = {"nan plan": nan_plan, "wild plan": wild_plan}
         return next((change(plan) for kind, change in changes.items() if on(kind, plan.start_s)), plan)
 

@@ -10,7 +10,7 @@ from builders.loop import NECK, TS, LoopBench, ambling_head_m, error_deg, events
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gazempc.controllers.controller import ControllerError, Plan, SolverFailed
+from gazempc.controllers.controller import ControllerError, Plan
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.mpc.ocp import AxisOcp
@@ -33,9 +33,10 @@ class FailingController:
     def plan(self, situation):
         if not self.start_s <= situation.start_s < self.stop_s:
             return self.inner.plan(situation)
-        errors = {"error": ControllerError, "failed": SolverFailed, "bug": ZeroDivisionError}
+        failed = ControllerError("made to fail", "solver_failed")
+        errors = {"error": ControllerError("made to fail"), "failed": failed, "bug": ZeroDivisionError()}
         if self.how in errors:
-            raise errors[self.how]("made to fail")
+            raise errors[self.how]
         return Plan(situation.start_s, 0.02, np.full((3, 2), np.nan), np.zeros((3, 2)), np.zeros((3, 2)))
 
 

@@ -10,7 +10,7 @@ from builders.loop import NECK, TS, LoopBench, make_loop, make_recorder
 from builders.replays import run_info
 from builders.waiting import wait_for
 
-from gazempc.controllers.controller import SolverFailed
+from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.reactive import Reactive
 from gazempc.loop.gaze_loop import GazeLoop
@@ -31,7 +31,7 @@ def test_the_background_planner_has_one_pending_request_and_answers_all():
         def plan(self, situation):
             gate.acquire()
             if situation == "fail":
-                raise SolverFailed("made to fail")
+                raise ControllerError("made to fail", "solver_failed")
             raise ZeroDivisionError
 
     planner = BackgroundPlanner(Gated())

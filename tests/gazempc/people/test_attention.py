@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import SettingsError
 from gazempc.people.attention import Attention
 from gazempc.people.company import Company, Sound
-from gazempc.people.engagement import WINDOW_S, Engagement, visual_engagement
 from gazempc.people.person import PersonState
-from gazempc.people.policies import Engaged, Nearest, make_policy
+from gazempc.people.policies import WINDOW_S, Engaged, Nearest, make_policy, visual_engagement
 from gazempc.settings import AttentionSettings
 
 TICK_S = 0.02
@@ -63,8 +62,8 @@ def test_a_named_policy_attends_no_other_person():
 
 
 def test_a_user_defined_policy_is_checked():
-    with pytest.raises(SettingsError, match=r"policy object lacks the method reset\(\)"):
-        make_policy(object(), {})
+    with pytest.raises(SettingsError, match=r"policy builtins:object lacks the method reset\(\)"):
+        make_policy("builtins:object", {})
     with pytest.raises(SettingsError, match="no policy 'nearst': perhaps you meant 'nearest'"):
         make_policy("nearst", {})
 
@@ -156,7 +155,7 @@ def test_engagement_equals_the_published_formula():
 
 
 def test_engagement_is_undecided_before_a_full_window():
-    engagement = Engagement()
+    engagement = Engaged()
     assert watched(engagement, watcher(1.0), WINDOW_S - 0.1) is None
     assert watched(engagement, watcher(1.0), 0.1, WINDOW_S) is True
     assert watched(engagement, watcher(1.0, 90.0), 1.0, WINDOW_S + 0.2) is True
@@ -164,7 +163,7 @@ def test_engagement_is_undecided_before_a_full_window():
 
 
 def test_a_gap_restarts_the_window():
-    engagement = Engagement()
+    engagement = Engaged()
     assert watched(engagement, watcher(1.0), 6.0) is True
     assert watched(engagement, watcher(1.0), 1.0, from_s=10.0) is None
 
