@@ -15,6 +15,7 @@ from benchmarks.solvers.problem import AxisProblem, linear_cost, sparse_program
 from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.condense import COST_SCALE, AxisModel
 from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.controllers.mpc.problem import Tuning
 from gazempc.controllers.mpc.qp import Daqp, QpData
 from gazempc.neck.spec import NeckSpec
 from gazempc.types import FloatArray
@@ -63,7 +64,7 @@ class Peer(ABC):
 def condensed(problem: AxisProblem) -> AxisOcp:
     """Condensed program over equal steps, common to all peers; the controller uses move blocking."""
     model = AxisModel(problem.neck, problem.index, (1,) * problem.steps, problem.steps)
-    return AxisOcp(model, problem.smoothing_time_s)
+    return AxisOcp(model, Tuning(problem.smoothing_time_s))
 
 
 class Gazempc(Peer):

@@ -16,8 +16,7 @@ from typing import Literal
 import numpy as np
 
 from experiments.rivals.rival import Detection, HeadCamera, Rival, View, half_sizes
-from gazempc.loop.columns import JointColumns
-from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.recorder import JointColumns, LoopRecorder
 from gazempc.neck.kinematics import seen_from_head
 from gazempc.neck.spec import Geometry, NeckSpec
 from gazempc.recordings.truth import TrueHead

@@ -14,9 +14,8 @@ import numpy as np
 
 from gazempc.live.setup import LiveSetup
 from gazempc.loop.boundary import boundary
-from gazempc.loop.columns import JointColumns
 from gazempc.loop.events import Event
-from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.recorder import JointColumns, LoopRecorder
 from gazempc.results.log import ComputeTimes, Fault, Log, merge_faults
 from gazempc.results.moments import CutMoment, JointsMoment, Moment
 from gazempc.robots.robot import checked_reading

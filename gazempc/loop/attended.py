@@ -74,7 +74,7 @@ class AttendedPeople:
             person_id=None if track is None else track.tracker_id,
             why=attended.why,
             since_s=attended.since_s if math.isfinite(attended.since_s) else None,
-            stays_until_s=None if attended.number is None else attended.since_s + self.attention.dwell_s,
+            stays_until_s=None if attended.number is None else attended.since_s + self.attention.settings.dwell_s,
         )
 
     def assimilate(self, sightings: Iterable[Sighting], time_s: float, recorder: LoopRecorder) -> None:

@@ -110,6 +110,4 @@ class Drive:
         Returns:
             Both, shapes (M, N) and (N,), radians; the commands are a copy.
         """
-        if not self._speeds:
-            return sent_rad.copy(), offset_rad
         return sent_rad + np.where(self._takes_angle, 0.0, offset_rad), np.where(self._takes_angle, offset_rad, 0.0)

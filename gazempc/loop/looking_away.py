@@ -60,7 +60,8 @@ class LookingAway(AroundTarget):
         before = self.several and self.several.attention.attended
         self._target.assimilate(sightings, time_s, recorder)
         if self.several and self.several.attention.attended is not before:
-            self._look_aways.begin_anew(time_s)
+            # No aversion immediately after a switch.
+            self._look_aways.set_mode(self._look_aways.mode, time_s)
 
     def _take_cue(self, cue: Cue, time_s: float) -> None:
         if isinstance(cue, Sound):

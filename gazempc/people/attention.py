@@ -68,6 +68,7 @@ class Attention:
 
     Attributes:
         policy: Scoring of the people.
+        settings: Times and distances.
         attended: The attended person.
         candidate: Number of the person with a higher score than the attended one; None if there is none.
         chosen_id: The tracker's name of a person with precedence over all others while present; None for none.
@@ -75,7 +76,7 @@ class Attention:
 
     def __init__(self, policy: AttentionPolicy, settings: AttentionSettings) -> None:
         self.policy = policy
-        self._settings = settings
+        self.settings = settings
         self.policy.reset()
         self.attended = Attended()
         self.candidate: int | None = None
@@ -83,11 +84,6 @@ class Attention:
         self._candidate_since_s = math.inf
         self._inside: set[int] = set()
         self._sounds: list[Sound] = []
-
-    @property
-    def dwell_s(self) -> float:
-        """Dwell time: minimum duration of attention to a present person, seconds."""
-        return self._settings.dwell_s
 
     def hear(self, sound: Sound) -> None:
         """Process speech.
@@ -133,7 +129,7 @@ class Attention:
             if best != self.candidate or math.isinf(self._candidate_since_s):
                 self._consider(best, time_s)
             better_s, looked_s = time_s - self._candidate_since_s, time_s - self.attended.since_s
-            if better_s >= self._settings.hysteresis_s and looked_s >= self._settings.dwell_s:
+            if better_s >= self.settings.hysteresis_s and looked_s >= self.settings.dwell_s:
                 self._attend(best, time_s, "policy" if best is not None else "no_person")
         return self.attended
 
@@ -148,11 +144,11 @@ class Attention:
 
     def _within_limits(self, people: Sequence[PersonState]) -> tuple[PersonState, ...]:
         """People inside the distance limits, with hysteresis; the nearest ones, up to the maximum number."""
-        enter_m = math.inf if self._settings.enter_m is None else self._settings.enter_m
-        leave_m = enter_m if self._settings.leave_m is None else self._settings.leave_m
+        enter_m = math.inf if self.settings.enter_m is None else self.settings.enter_m
+        leave_m = enter_m if self.settings.leave_m is None else self.settings.leave_m
         inside = [p for p in people if p.distance_m <= (leave_m if p.number in self._inside else enter_m)]
         self._inside = {person.number for person in inside}
-        nearest = sorted(inside, key=lambda person: person.distance_m)[: self._settings.most_people]
+        nearest = sorted(inside, key=lambda person: person.distance_m)[: self.settings.most_people]
         return tuple(person for person in inside if person in nearest)
 
     def _consider(self, number: int | None, time_s: float) -> None:

@@ -59,11 +59,12 @@ class LookAways:
         seed: Seed of times and directions: the schedule is a function of the seed and the times of calls.
 
     Attributes:
+        mode: The rhythm.
         left_out: Number of aversions that were infeasible, or in conflict with one that had begun.
     """
 
     def __init__(self, neck: NeckSpec, mode: LookAwayMode = "told", seed: int = 0) -> None:
-        self._neck, self._mode = neck, mode
+        self._neck, self.mode = neck, mode
         # Cached: used at every plan.
         self._shift: Callable[[float, float], GazeShift] = lru_cache(64)(partial(shift_of, neck))
         self._rng = np.random.default_rng([seed, 22])
@@ -86,7 +87,7 @@ class LookAways:
         if self._rhythm_from_s is None:
             # Random phase: the first aversion after a part of an interval.
             self._rhythm_from_s = now_s
-        while self._mode in RHYTHMS and self._rhythm_from_s < now_s + _AHEAD_S:
+        while self.mode in RHYTHMS and self._rhythm_from_s < now_s + _AHEAD_S:
             self._draw_next(now_s, self._rhythm_from_s)
         return tuple(each for each in self._planned if each.end_s > now_s)
 
@@ -108,17 +109,9 @@ class LookAways:
             mode: The rhythm.
             now_s: The time, seconds.
         """
-        self._mode = mode
+        self.mode = mode
         self._planned = self._begun(now_s + self._lead_s)
         self._rhythm_from_s = max([now_s, *(each.end_s for each in self._planned)])
-
-    def begin_anew(self, now_s: float) -> None:
-        """Restart the rhythm for another person: no aversion immediately after a switch.
-
-        Args:
-            now_s: The time, seconds.
-        """
-        self.set_mode(self._mode, now_s)
 
     def think(self, now_s: float, lasts_s: float, start_s: float | None = None) -> bool:
         """Request the aversion of a thinking person.
@@ -177,12 +170,12 @@ class LookAways:
         return forecast
 
     def _draw_next(self, now_s: float, from_s: float) -> None:
-        rhythm = RHYTHMS[self._mode]
+        rhythm = RHYTHMS[self.mode]
         lasts_s = self._drawn(rhythm.lasts_s)
         start_s = from_s + max(self._drawn(rhythm.every_s) - rhythm.lasts_s[0], _CONTACT_S)
         start_s = max(start_s, now_s + self._lead_s)
         self._rhythm_from_s = end_s = start_s + lasts_s
-        aversion = fitted(Aversion(start_s, end_s, *self._direction(_ASIDE_UP_DOWN), self._mode), self._neck)
+        aversion = fitted(Aversion(start_s, end_s, *self._direction(_ASIDE_UP_DOWN), self.mode), self._neck)
         if aversion is None:
             self.left_out += 1
         else:

@@ -15,11 +15,10 @@ from pydantic import Field
 from gazempc.controllers.controller import Controller
 from gazempc.errors import LeftOutError
 from gazempc.loop.build import Person, make_controller, make_predictor, make_target
-from gazempc.loop.columns import JointColumns
 from gazempc.loop.events import Event
 from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.planner import ImmediatePlanner
-from gazempc.loop.recorder import LoopRecorder
+from gazempc.loop.recorder import JointColumns, LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.kinematics import seen_from_head
 from gazempc.neck.narrow import narrowed

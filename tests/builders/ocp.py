@@ -105,11 +105,11 @@ def even(steps, index=0):
 
 
 MODEL = even(N)
-OCP = AxisOcp(MODEL, T, ZETA)
+OCP = AxisOcp(MODEL, problem.Tuning(T, ZETA))
 
 
 # The shipped horizon.
-LONG = AxisOcp(even(40), 0.085, ZETA)
+LONG = AxisOcp(even(40), problem.Tuning(0.085, ZETA))
 H = NECK.control_period_s
 
 

@@ -12,7 +12,7 @@ from gazempc.controllers.mpc.acquisition import ACQUISITION_DAMPING, Acquisition
 from gazempc.controllers.mpc.condense import axis_model, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp, Solution
 from gazempc.controllers.mpc.own import OwnChoice, own_parts
-from gazempc.controllers.mpc.problem import PLAIN_DAMPING
+from gazempc.controllers.mpc.problem import Tuning
 from gazempc.controllers.mpc.qp import iterations_within
 from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import angle_deviations_rad
@@ -101,18 +101,17 @@ class Mpc:
         n, knots = len(lengths), max(1, min(round(_PLAN_S / period_s), sum(lengths)))
         models = [axis_model(neck, i, lengths, knots) for i in range(len(AXES))]
         own = [own_parts(terms, rows, name) for name in AXES]
-        quick_s = min(acquisition_time_s, smoothing_time_s)
         most = iterations_within(0.5 * _SOLVERS_SHARE * period_s, n)
 
-        def programs(time_s: float, damping: float, bounded: bool, zone: bool = False) -> list[AxisOcp]:
-            pairs = zip(models, own, strict=True)
-            return [AxisOcp(model, time_s, damping, bounded, most, parts, zone) for model, parts in pairs]
+        def programs(tuning: Tuning, bounded: bool) -> list[AxisOcp]:
+            return [AxisOcp(model, tuning, bounded, most, parts) for model, parts in zip(models, own, strict=True)]
 
         if self.picture is not None:
-            self.ocps = self.acquisition_ocps = programs(smoothing_time_s, ACQUISITION_DAMPING, True, zone=True)
+            self.ocps = self.acquisition_ocps = programs(Tuning(smoothing_time_s, ACQUISITION_DAMPING, zone=True), True)
         else:
-            self.ocps = programs(smoothing_time_s, PLAIN_DAMPING, False)
-            self.acquisition_ocps = programs(quick_s, ACQUISITION_DAMPING, True)
+            self.ocps = programs(Tuning(smoothing_time_s), False)
+            quick = Tuning(min(acquisition_time_s, smoothing_time_s), ACQUISITION_DAMPING)
+            self.acquisition_ocps = programs(quick, True)
         # The first knot is the command before the plan starts.
         self._knots_s: FloatArray = period_s * np.arange(1.0, knots + 1) - neck.servo_period_s
         self._chain = Chain(neck, self._knots_s)

@@ -15,7 +15,7 @@ import numpy as np
 from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.condense import AxisModel, condense, condensed
 from gazempc.controllers.mpc.own import NO_PARTS, OwnParts
-from gazempc.controllers.mpc.problem import PLAIN_DAMPING, Tuning
+from gazempc.controllers.mpc.problem import Tuning
 from gazempc.controllers.mpc.qp import ITERATIONS, Daqp
 from gazempc.types import FloatArray
 
@@ -51,12 +51,11 @@ class AxisOcp:
 
     Args:
         model: The joint over the horizon.
-        smoothing_time_s: T: gaze motion faster than 1 / T (rad/s) is smoothed rather than tracked.
-        damping: Damping ratio zeta of the step response, not below `PLAIN_DAMPING`.
+        tuning: Smoothing time and damping; with a zone, the bounds are one in which the joint comes to rest, in
+            place of the reference.
         bounded: Whether `solve` takes bounds of the joint angle.
         iterations: Iteration limit of the solver, which bounds its time.
         own: Own costs and rows.
-        zone: True for bounds that are a zone in which the joint comes to rest, in place of the reference.
 
     Attributes:
         model: The joint over the horizon.
@@ -70,15 +69,12 @@ class AxisOcp:
     def __init__(
         self,
         model: AxisModel,
-        smoothing_time_s: float,
-        damping: float = PLAIN_DAMPING,
+        tuning: Tuning,
         bounded: bool = False,
         iterations: int = ITERATIONS,
         own: OwnParts = NO_PARTS,
-        zone: bool = False,
     ) -> None:
         self.model, self.own = model, own
-        tuning = Tuning(smoothing_time_s, damping, zone)
         self._unit_rad = tuning.passing_unit_rad
         # Own functions may be closures over mutable values: their programs are not cached.
         self.program = (condensed if own else condense)(model, tuning, bounded, own)

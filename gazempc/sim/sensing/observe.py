@@ -9,7 +9,7 @@ import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.recordings.recording import Recording, Track, turned
-from gazempc.sim.sensing.spec import AcrossError, AlongError, Bouts, Jumps, SensorSpec, YawError
+from gazempc.sim.sensing.spec import AcrossError, AlongError, Bouts, Jumps, SensorSpec
 from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
 from predictors import HeadObservation
 
@@ -64,21 +64,30 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
         raise SettingsError(
             f"sensor {sensor.name!r} never sees the person in {placed.name}: check its range, view and loss"
         )
+    quats: list[list[FloatArray | None]] = []
+    yaw_sds: list[list[float | None]] = []
+    for name, true_quats, error, noise_rad in (
+        ("head", track.head_quat_wxyz, sensor.head_yaw, yaw_noise_rad[:, 0]),
+        ("pelvis", track.pelvis_quat_wxyz, sensor.pelvis_yaw, yaw_noise_rad[:, 1]),
+    ):
+        white = np.deg2rad(error.noise_deg) * streams[name].standard_normal(times_s.size)
+        slow = np.deg2rad(error.wander_deg) * wander(times_s, error.wander_time_s, 1, streams[name])[:, 0]
+        # Vectorised over frames: a single rotation takes as long.
+        turned_wxyz = turned(true_quats[seen], (noise_rad + (white + slow))[seen])
+        # A recording may have positions only.
+        known = (np.asarray(np.isfinite(true_quats[seen]).all(axis=1)) & error.reported).tolist()
+        quats.append([quat if is_known else None for quat, is_known in zip(turned_wxyz, known, strict=True)])
+        sd_rad = float(np.deg2rad(np.hypot(sensor.yaw_noise_deg, np.hypot(error.noise_deg, error.wander_deg))))
+        stated = sd_rad if sensor.states_covariance and sd_rad > 0 else None
+        yaw_sds.append([stated if is_known else None for is_known in known])
     timing = sensor.timing
-    parts = (track.head_quat_wxyz, sensor.head_yaw, "head"), (track.pelvis_quat_wxyz, sensor.pelvis_yaw, "pelvis")
-    (heads, head_sds), (pelvises, pelvis_sds) = (
-        _turned(quats_wxyz, noise_rad, error, sensor, times_s, seen, streams[name])
-        for (quats_wxyz, error, name), noise_rad in zip(parts, yaw_noise_rad.T, strict=True)
-    )
     stamp_error_s = timing.stamp_offset_s + timing.stamp_noise_s * streams["stamps"].standard_normal(times_s.size)
     seen_as = zip(
         (times_s + stamp_error_s)[seen].tolist(),
         positions_m[seen],
-        heads,
-        pelvises,
+        *quats,
         stated_covariances(sensor, positions_m[seen]) if sensor.states_covariance else [None] * seen.size,
-        head_sds,
-        pelvis_sds,
+        *yaw_sds,
         [_NAMES[shows] if other.ids else None for shows in shows_the_other[seen].tolist()],
         strict=True,
     )
@@ -106,28 +115,6 @@ def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> B
     range_m = np.linalg.norm(measured_m, axis=1)
     in_range: BoolArray = (sensor.range_min_m <= range_m) & (range_m <= sensor.range_max_m)
     return in_range & sensor.view.contains(true_m) if sensor.view.on == "base" else in_range
-
-
-def _turned(
-    quats_wxyz: FloatArray,
-    noise_rad: FloatArray,
-    error: YawError,
-    sensor: SensorSpec,
-    times_s: FloatArray,
-    seen: IntArray,
-    rng: np.random.Generator,
-) -> tuple[list[FloatArray | None], list[float | None]]:
-    """The observed orientations of head or pelvis, and the stated deviations of their yaws; None if unknown."""
-    white = np.deg2rad(error.noise_deg) * rng.standard_normal(times_s.size)
-    slow = np.deg2rad(error.wander_deg) * wander(times_s, error.wander_time_s, 1, rng)[:, 0]
-    # Vectorised over frames: a single rotation takes as long.
-    shown = turned(quats_wxyz[seen], (noise_rad + (white + slow))[seen])
-    sd_rad = float(np.deg2rad(np.hypot(sensor.yaw_noise_deg, np.hypot(error.noise_deg, error.wander_deg))))
-    stated = sd_rad if sensor.states_covariance and sd_rad > 0 else None
-    # A recording may have positions only.
-    known = (np.asarray(np.isfinite(quats_wxyz[seen]).all(axis=1)) & error.reported).tolist()
-    quats = [quat if is_known else None for quat, is_known in zip(shown, known, strict=True)]
-    return quats, [stated if is_known else None for is_known in known]
 
 
 def wander(times_s: FloatArray, time_s: float, axes: int, rng: np.random.Generator) -> FloatArray:

@@ -51,7 +51,7 @@ def best_by_ipopt(state, low, high):
 
 @pytest.mark.parametrize("offset", [0.0, 0.15, -0.3])
 def test_the_optimum_equals_that_of_ipopt(offset):
-    ocp = AxisOcp(even(STEPS), T, ZETA, bounded=True, zone=True)
+    ocp = AxisOcp(even(STEPS), problem.Tuning(T, ZETA, zone=True), bounded=True)
     solvers = set()
     for state, reference in random_states(2, 0.1, STEPS, seed=3):
         low, high = reference + offset - 0.05, reference + offset + 0.05
@@ -64,7 +64,7 @@ def test_the_optimum_equals_that_of_ipopt(offset):
 
 
 def test_a_joint_at_rest_in_the_zone_stays_at_rest():
-    ocp = AxisOcp(even(STEPS), T, ZETA, bounded=True, zone=True)
+    ocp = AxisOcp(even(STEPS), problem.Tuning(T, ZETA, zone=True), bounded=True)
     reference = np.linspace(0.01, 0.04, STEPS)
     solution = ocp.solve(np.array([0.0, 0.0, 0.0, 0.0, 0.0]), reference, (reference - 0.05, reference + 0.05))
     assert solution.solver == "gain"

@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 
 from gazempc.controllers.controller import ControllerError
 from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.controllers.mpc.problem import Tuning
 from gazempc.controllers.mpc.qp import Daqp, QpData
 
 
@@ -102,13 +103,13 @@ def test_a_start_outside_the_limits_has_the_optimum_of_ipopt_with_slacks(state, 
     ]
     softened = np.abs(shares).max() - 1.0
     assert softened > 0.001
-    solution = AxisOcp(MODEL, T, ZETA).solve(state, reference)
+    solution = AxisOcp(MODEL, Tuning(T, ZETA)).solve(state, reference)
     assert solution.solver == "daqp"
     assert solution.softened == pytest.approx(softened, abs=1e-5)
     assert joint(OCP, state, solution.scaled_jerk) == pytest.approx(z[0], abs=1e-5)
 
 
-BOUNDED = AxisOcp(LONG.model, 0.085, ZETA, bounded=True)
+BOUNDED = AxisOcp(LONG.model, Tuning(0.085, ZETA), bounded=True)
 FAR_RAD = 100.0
 
 
@@ -195,12 +196,12 @@ def test_the_program_is_feasible_for_any_state(unit_state, target_rad, slope_rad
 def test_a_stopped_solver_gives_the_unconstrained_optimum():
     """Stopped at a start with several active-set changes; the smoother keeps the limits."""
     state, reference = np.array([0.0, 0.0, 0.0, 2.0, 10.0]), np.ones(N)
-    stopped = AxisOcp(MODEL, T, iterations=1).solve(state, reference)
+    stopped = AxisOcp(MODEL, Tuning(T), iterations=1).solve(state, reference)
     assert stopped.solver == "none"
     free = np.linalg.lstsq(*least_squares(state, reference, zeta=None), rcond=None)[0]
     assert stopped.scaled_jerk == pytest.approx(free, rel=1e-6, abs=1e-8)
     assert stopped.softened > 0.0
-    assert AxisOcp(MODEL, T).solve(state, reference).solver == "daqp"
+    assert AxisOcp(MODEL, Tuning(T)).solve(state, reference).solver == "daqp"
 
 
 def test_a_failed_solve_is_not_used_as_warm_start():

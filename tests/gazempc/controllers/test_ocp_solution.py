@@ -21,6 +21,7 @@ from scipy.optimize import lsq_linear
 
 from gazempc.controllers.mpc.condense import AxisModel, growing_steps
 from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.controllers.mpc.problem import Tuning
 
 SLOW = np.array([0.02, 0.05, 0.0275, 0.05, 0.0])
 
@@ -72,7 +73,7 @@ def test_the_prediction_equals_the_continuous_time_model():
     """Prediction matrices against SciPy's ODE solver with commands held between servo ticks; unequal steps."""
     lengths = (1, 1, 2, 3)
     p = AxisModel(NECK, 0, lengths, 5)
-    program = AxisOcp(p, T).program
+    program = AxisOcp(p, Tuning(T)).program
     rng = np.random.default_rng(3)
     state, jerk = rng.uniform(-1, 1, 5) * [0.5, 1, 0.5, 1, 5], rng.uniform(-1, 1, 4)
     h, wn, zeta = NECK.servo_period_s, 12.0, 0.9
@@ -111,7 +112,12 @@ UNEVEN = (1, 1, 1, 2, 3, 4)
 def test_the_command_is_the_integral_of_the_jerks():
     """The returned motion is the integral of the returned jerks, also with asymmetric position limits."""
     uneven = AxisModel(NECK, 0, UNEVEN, sum(UNEVEN))
-    for ocp in (OCP, AxisOcp(even(N, 1), T), AxisOcp(uneven, T), AxisOcp(uneven, T, bounded=True)):
+    for ocp in (
+        OCP,
+        AxisOcp(even(N, 1), Tuning(T)),
+        AxisOcp(uneven, Tuning(T)),
+        AxisOcp(uneven, Tuning(T), bounded=True),
+    ):
         lengths = ocp.model.lengths.astype(int)
         for scale in (0.02, 1.0, 2.0):
             for state, reference in random_states(10, scale, lengths.size):
@@ -125,7 +131,7 @@ def test_the_command_is_the_integral_of_the_jerks():
 
 def test_the_velocity_limit_holds_across_unequal_steps():
     """From just below the limit while accelerating; a row at the wrong step's end would allow a violation."""
-    ocp = AxisOcp(AxisModel(NECK, 0, UNEVEN, sum(UNEVEN)), T)
+    ocp = AxisOcp(AxisModel(NECK, 0, UNEVEN, sum(UNEVEN)), Tuning(T))
     limit = NECK.command_limits.velocity_max_rad_s[0]
     bound, reached = 0, 0.0
     for acceleration in np.linspace(0.0, 9.0, 37):
@@ -151,8 +157,8 @@ def test_growing_steps_give_the_plan_of_equal_steps():
     assert horizon[:3] == (1, 1, 1)
     assert sum(horizon) == 40
     assert len(horizon) < 20
-    growing = AxisOcp(AxisModel(NECK, 0, horizon, 20), T)
-    fine = AxisOcp(even(40), T)
+    growing = AxisOcp(AxisModel(NECK, 0, horizon, 20), Tuning(T))
+    fine = AxisOcp(even(40), Tuning(T))
     ends = np.cumsum(horizon) - 1
     for state, reference in random_states(20, 0.1, 40, seed=4):
         coarse, exact = growing.solve(state, reference[ends]), fine.solve(state, reference)

@@ -42,7 +42,7 @@ def between(names, width):
 
 
 def ours(terms, rows, bounded=False):
-    return AxisOcp(even(STEPS), T, ZETA, bounded=bounded, own=own_parts(terms, rows, "pan"))
+    return AxisOcp(even(STEPS), TUNING, bounded=bounded, own=own_parts(terms, rows, "pan"))
 
 
 @pytest.mark.slow

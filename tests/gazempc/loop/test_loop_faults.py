@@ -14,6 +14,7 @@ from gazempc.controllers.controller import ControllerError, Plan
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.controllers.mpc.ocp import AxisOcp
+from gazempc.controllers.mpc.problem import Tuning
 from gazempc.errors import RobotError
 from gazempc.results.metrics import measure
 from gazempc.sim.simulated import SimulatedNeck
@@ -92,8 +93,8 @@ def test_after_a_solver_failure_the_smoother_keeps_the_limits():
     class Sabotaged(Mpc):
         def __init__(self, neck):
             super().__init__(neck, horizon_s=0.3)
-            self.ocps = [AxisOcp(ocp.model, 0.12, iterations=1) for ocp in self.ocps]
-            self.acquisition_ocps = [AxisOcp(ocp.model, 0.09, 0.85, True, iterations=1) for ocp in self.ocps]
+            self.ocps = [AxisOcp(ocp.model, Tuning(0.12), iterations=1) for ocp in self.ocps]
+            self.acquisition_ocps = [AxisOcp(ocp.model, Tuning(0.09, 0.85), True, iterations=1) for ocp in self.ocps]
 
     def jumping_head_m(t):
         return ambling_head_m(t) + np.array([0.0, 1.5 if t > 1.4 else 0.0, 0.0])

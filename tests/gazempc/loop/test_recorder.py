@@ -5,7 +5,7 @@ import pytest
 from builders.loop import NECK, make_recorder
 from builders.replays import run_info
 
-from gazempc.loop.columns import JointColumns
+from gazempc.loop.recorder import JointColumns
 from gazempc.types import JointState
 
 
