@@ -16,11 +16,11 @@ def sensor(**fields):
     )
 
 
-def standing(seconds, head_m=HEAD_M, rate_hz=30.0):
-    """A standing person who faces the sensor."""
+def standing(seconds, head_m=HEAD_M, facing_away_deg=0.0, rate_hz=30.0):
+    """A standing person, head and pelvis turned from the sensor by an angle."""
     times_s = np.arange(round(seconds * rate_hz)) / rate_hz
-    facing = Rotation.from_euler("z", np.arctan2(-head_m[1], -head_m[0]))
-    quats = np.tile(facing.as_quat(scalar_first=True), (times_s.size, 1))
+    yaw_rad = np.arctan2(-head_m[1], -head_m[0]) + np.deg2rad(np.broadcast_to(facing_away_deg, times_s.shape))
+    quats = Rotation.from_euler("z", yaw_rad[:, None]).as_quat(scalar_first=True)
     heads = np.tile(head_m, (times_s.size, 1))
     track = Track(heads, quats, heads - [0.0, 0.0, 0.7], quats)
     return Recording("standing", "made here", "motion capture", times_s, track, None, True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from itertools import accumulate
 
 import numpy as np
 
 from gazempc.errors import SettingsError
 from gazempc.recordings.recording import Recording, Track, turned
-from gazempc.sim.sensing.spec import AcrossError, AlongError, Bouts, Jumps, SensorSpec
+from gazempc.sim.sensing.spec import AcrossError, AlongError, Bouts, Jumps, SensorSpec, YawError
 from gazempc.types import BoolArray, FloatArray, IntArray, Sighting
 from predictors import HeadObservation
 
@@ -64,30 +65,19 @@ def observe(placed: Recording, sensor: SensorSpec, seed: int) -> tuple[Sighting,
         raise SettingsError(
             f"sensor {sensor.name!r} never sees the person in {placed.name}: check its range, view and loss"
         )
-    quats: list[list[FloatArray | None]] = []
-    yaw_sds: list[list[float | None]] = []
-    for name, true_quats, error, noise_rad in (
-        ("head", track.head_quat_wxyz, sensor.head_yaw, yaw_noise_rad[:, 0]),
-        ("pelvis", track.pelvis_quat_wxyz, sensor.pelvis_yaw, yaw_noise_rad[:, 1]),
-    ):
-        white = np.deg2rad(error.noise_deg) * streams[name].standard_normal(times_s.size)
-        slow = np.deg2rad(error.wander_deg) * wander(times_s, error.wander_time_s, 1, streams[name])[:, 0]
-        # Vectorised over frames: a single rotation takes as long.
-        turned_wxyz = turned(true_quats[seen], (noise_rad + (white + slow))[seen])
-        # A recording may have positions only.
-        known = (np.asarray(np.isfinite(true_quats[seen]).all(axis=1)) & error.reported).tolist()
-        quats.append([quat if is_known else None for quat, is_known in zip(turned_wxyz, known, strict=True)])
-        sd_rad = float(np.deg2rad(np.hypot(sensor.yaw_noise_deg, np.hypot(error.noise_deg, error.wander_deg))))
-        stated = sd_rad if sensor.states_covariance and sd_rad > 0 else None
-        yaw_sds.append([stated if is_known else None for is_known in known])
-    timing = sensor.timing
+    # Vectorised over frames: a single rotation takes as long.
+    head_m, timing = track.head_position_m, sensor.timing
+    head_rad, head_known = yaw_error(times_s, head_m, track.head_quat_wxyz, sensor.head_yaw, streams["head"])
+    pelvis_rad, pelvis_known = yaw_error(times_s, head_m, track.pelvis_quat_wxyz, sensor.pelvis_yaw, streams["pelvis"])
     stamp_error_s = timing.stamp_offset_s + timing.stamp_noise_s * streams["stamps"].standard_normal(times_s.size)
     seen_as = zip(
         (times_s + stamp_error_s)[seen].tolist(),
         positions_m[seen],
-        *quats,
+        _turned(track.head_quat_wxyz, yaw_noise_rad[:, 0] + head_rad, head_known, seen),
+        _turned(track.pelvis_quat_wxyz, yaw_noise_rad[:, 1] + pelvis_rad, pelvis_known, seen),
         stated_covariances(sensor, positions_m[seen]) if sensor.states_covariance else [None] * seen.size,
-        *yaw_sds,
+        _stated_yaws(sensor, sensor.head_yaw, head_known[seen]),
+        _stated_yaws(sensor, sensor.pelvis_yaw, pelvis_known[seen]),
         [_NAMES[shows] if other.ids else None for shows in shows_the_other[seen].tolist()],
         strict=True,
     )
@@ -115,6 +105,20 @@ def _within(sensor: SensorSpec, true_m: FloatArray, measured_m: FloatArray) -> B
     range_m = np.linalg.norm(measured_m, axis=1)
     in_range: BoolArray = (sensor.range_min_m <= range_m) & (range_m <= sensor.range_max_m)
     return in_range & sensor.view.contains(true_m) if sensor.view.on == "base" else in_range
+
+
+def _turned(
+    quats_wxyz: FloatArray, turn_rad: FloatArray, known: BoolArray, seen: IntArray
+) -> Sequence[FloatArray | None]:
+    """The observed orientations; None if unknown."""
+    shown = turned(quats_wxyz[seen], turn_rad[seen])
+    return [quat if is_known else None for quat, is_known in zip(shown, known[seen].tolist(), strict=True)]
+
+
+def _stated_yaws(sensor: SensorSpec, error: YawError, known: BoolArray) -> Sequence[float | None]:
+    sd_rad = float(np.deg2rad(np.hypot(sensor.yaw_noise_deg, np.hypot(error.noise_deg, error.wander_deg))))
+    stated = sd_rad if sensor.states_covariance and sd_rad > 0 else None
+    return [stated if one else None for one in known]
 
 
 def wander(times_s: FloatArray, time_s: float, axes: int, rng: np.random.Generator) -> FloatArray:
@@ -165,6 +169,23 @@ def bouts(times_s: FloatArray, spec: Bouts, rng: np.random.Generator) -> IntArra
         after = max(int(np.searchsorted(times_s, end_s)), first + 1)
         number[first:after] = count
         count += 1
+
+
+def held_uniform(times_s: FloatArray, hold_s: float, rng: np.random.Generator) -> FloatArray:
+    """Piecewise-constant uniform process on 0 to 1, with exponential holding times.
+
+    Args:
+        times_s: Times of the frames, shape (N,), seconds, increasing.
+        hold_s: Mean holding time; 0 for an independent value each frame.
+        rng: Random generator.
+
+    Returns:
+        Shape (N,).
+    """
+    drawn = rng.random(times_s.size)
+    stays = np.exp(-np.diff(times_s) / hold_s) if hold_s > 0 else np.zeros(times_s.size - 1)
+    new = np.concatenate([[True], rng.random(times_s.size - 1) >= stays])
+    return drawn[np.maximum.accumulate(np.where(new, np.arange(times_s.size), 0))]
 
 
 def frames_taken(times_s: FloatArray, rate_hz: float, jitter_s: float, rng: np.random.Generator) -> IntArray:
@@ -288,3 +309,37 @@ def stated_covariances(sensor: SensorSpec, measured_m: FloatArray) -> FloatArray
     variances = white**2 + slow**2 + sensor.each_axis_sd_m**2
     axes = sight_axes(measured_m)
     return np.asarray(np.einsum("nai,na,naj->nij", axes, variances, axes))
+
+
+def yaw_error(
+    times_s: FloatArray, positions_m: FloatArray, quats_wxyz: FloatArray, error: YawError, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray]:
+    """Error and loss of a yaw.
+
+    Args:
+        times_s: Times of the frames, shape (N,), seconds.
+        positions_m: True positions of the person, shape (N, 3), metres, base frame.
+        quats_wxyz: True orientations of head or pelvis, shape (N, 4); NaN if unknown.
+        error: Parameters of the error.
+        rng: Random generator.
+
+    Returns:
+        Error, shape (N,), radians; mask of the frames with a yaw, shape (N,).
+    """
+    away = _faces_away(positions_m, quats_wxyz, error.away_deg)
+    white = np.deg2rad(error.noise_deg) * rng.standard_normal(times_s.size)
+    slow = np.deg2rad(error.wander_deg) * wander(times_s, error.wander_time_s, 1, rng)[:, 0]
+    fate = held_uniform(times_s, error.hold_s, rng)
+    lost = away & (fate < error.lost_share)
+    flipped = away & ~lost & (fate < error.lost_share + error.flipped_share)
+    # A recording may have positions only.
+    known = np.isfinite(quats_wxyz).all(axis=1) & ~lost & error.reported
+    return white + slow + np.pi * flipped, known
+
+
+def _faces_away(positions_m: FloatArray, quats_wxyz: FloatArray, away_deg: float) -> BoolArray:
+    """Mask of the frames with an orientation turned from the origin by more than an angle, about the vertical."""
+    w, x, y, z = quats_wxyz.T
+    yaw_rad = np.arctan2(2.0 * (x * y + w * z), w**2 + x**2 - y**2 - z**2)
+    off_rad = yaw_rad - np.arctan2(-positions_m[:, 1], -positions_m[:, 0])
+    return np.asarray(np.abs((off_rad + np.pi) % (2.0 * np.pi) - np.pi) > np.deg2rad(away_deg))

@@ -125,12 +125,34 @@ class OtherPerson(_Table):
 
 
 class YawError(_Table):
-    """Error of one yaw."""
+    """Error of one yaw, with additional errors while this body part faces away from the sensor."""
 
     reported: bool = Field(default=True, description="False: the sensor does not see this orientation")
     noise_deg: float = Field(default=0.0, ge=0, le=90, description="White error, s.d., degrees")
     wander_deg: float = Field(default=0.0, ge=0, le=90, description="Wander, s.d., degrees")
     wander_time_s: float = Field(default=1.0, gt=0, le=1000, description="Correlation time of the wander")
+    away_deg: float = Field(
+        default=90.0, ge=0, le=180, description="Faces away: yaw off the direction to the sensor by more than this"
+    )
+    lost_share: float = Field(default=0.0, ge=0, le=1, description="Share of the time facing away without a yaw")
+    flipped_share: float = Field(
+        default=0.0, ge=0, le=1, description="Share of the time facing away with a yaw that is wrong by 180 degrees"
+    )
+    hold_s: float = Field(
+        default=0.5, ge=0, le=1000, description="Mean time for which the yaw stays lost, flipped or right; 0: one frame"
+    )
+
+    @property
+    def depends_on_sight(self) -> bool:
+        """Whether the error depends on facing away."""
+        return self.lost_share + self.flipped_share > 0
+
+    @model_validator(mode="after")
+    def _shares_are_of_one(self) -> YawError:
+        if self.lost_share + self.flipped_share > 1:
+            shares = f"lost_share ({self.lost_share}) and flipped_share ({self.flipped_share})"
+            raise ValueError(f"{shares} must be 1 or less together")
+        return self
 
 
 class Timing(_Table):
@@ -233,5 +255,5 @@ class SensorSpec(_Table):
     def depends_on_place(self) -> bool:
         """Whether the observations depend on the position of the robot."""
         limited = self.view.limited or self.range_min_m > 0 or self.range_max_m < math.inf
-        by_sight = self.along.depends_on_sight or self.across.depends_on_sight
-        return limited or self.other_person.is_there or by_sight
+        errors: tuple[SightError | YawError, ...] = (self.along, self.across, self.head_yaw, self.pelvis_yaw)
+        return limited or self.other_person.is_there or any(error.depends_on_sight for error in errors)

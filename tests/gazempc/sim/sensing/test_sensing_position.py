@@ -144,12 +144,34 @@ def test_each_yaw_has_its_own_white_error_and_wander():
             assert correlation(found, lag) == pytest.approx(expected, abs=0.08)
 
 
+def test_yaw_flips_and_losses_occur_only_facing_away():
+    """Turning on the spot; of the time facing away a quarter is flipped and an eighth is lost."""
+    angle_deg = np.rad2deg(np.linspace(0.0, 2 * np.pi * 50, 300 * 30))
+    walk = standing(300.0, facing_away_deg=angle_deg)
+    away = np.abs((angle_deg + 180.0) % 360.0 - 180.0) > 120.0
+    fate = {"away_deg": 120.0, "lost_share": 0.125, "flipped_share": 0.25, "hold_s": 0.3}
+    errors = yaw_errors(walk, pelvis_yaw=fate, part="pelvis")
+    lost, flipped = np.isnan(errors), np.abs(np.abs(errors) - np.pi) < 1e-6
+    assert not (lost | flipped)[~away].any()
+    assert lost[away].mean() == pytest.approx(0.125, abs=0.03)
+    assert flipped[away].mean() == pytest.approx(0.25, abs=0.04)
+    assert np.abs(errors[~lost & ~flipped]).max() < 1e-9
+    assert not np.isnan(yaw_errors(walk, pelvis_yaw=fate, part="head")).any()
+
+
+def test_flips_have_the_stated_mean_duration():
+    walk = standing(300.0, facing_away_deg=180.0)
+    flipped = np.abs(yaw_errors(walk, head_yaw={"flipped_share": 0.5, "hold_s": 0.5})) > 3.0
+    # Half of the draws change the state: a state lasts twice the mean time between draws.
+    changes = np.count_nonzero(np.diff(flipped.astype(int)))
+    per_frame = 1 - np.exp(-1 / 30 / 0.5)
+    assert changes == pytest.approx(300 * 30 * per_frame / 2, rel=0.1)
+
+
 def test_stated_yaw_deviations_combine_white_error_and_wander():
-    person = standing(20.0)
-    quats = np.where(person.times_s[:, None] < 10.0, person.truth.head_quat_wxyz, np.nan)
-    person = replace(person, truth=replace(person.truth, head_quat_wxyz=quats))
-    yaws = {"head_yaw": {"wander_deg": 4.0}, "pelvis_yaw": {"reported": False}}
-    observations = seen(person, 0, states_covariance=True, position_noise_m=0.01, yaw_noise_deg=2.0, **yaws)
+    away = standing(20.0, facing_away_deg=180.0)
+    yaws = {"head_yaw": {"wander_deg": 4.0, "lost_share": 0.5}, "pelvis_yaw": {"reported": False}}
+    observations = seen(away, 0, states_covariance=True, position_noise_m=0.01, yaw_noise_deg=2.0, **yaws)
     for each in observations:
         assert each.pelvis_yaw_sd_rad is None
         stated = None if each.head_quat_wxyz is None else pytest.approx(np.radians(np.sqrt(20.0)))
@@ -171,7 +193,6 @@ TOML = 'name = "x"\nsource = "x"\nrate_hz = 30.0\nlatency_s = 0.0\n'
         ("[loss]\nduration_min_s = 2\nduration_max_s = 1\n", "loss: duration_min_s"),
         ("[jumps]\nmean_interval_s = 2\n", "jumps: size_max_m .*mean_interval_s"),
         ("[jumps]\nsize_min_m = 2\n", "jumps: size_min_m .*size_max_m"),
-        ("[pelvis_yaw]\nflipped_share = 0.1\n", "pelvis_yaw.flipped_share: unknown field; .*wander_deg"),
         ("[other_person]\nevery_s = 1\nshown_s = 1\n", "other_person: shown_s .*every_s"),
     ],
 )
@@ -192,7 +213,7 @@ def test_an_invalid_field_is_reported_with_the_accepted_values(tmp_path, text, m
         ({"across": {"wander_deg": 0.1}}, True),
         ({"range_max_m": 5.0}, True),
         ({"view": {"vertical_deg": 60.0}}, True),
-        ({"pelvis_yaw": {"wander_deg": 10.0}}, False),
+        ({"pelvis_yaw": {"flipped_share": 0.1}}, True),
     ],
 )
 def test_dependence_on_the_robot_position_is_detected(fields, depends):
