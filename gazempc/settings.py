@@ -123,12 +123,15 @@ class PredictorSettings(Settings):
 class LookAheadSettings(Settings):
     """Controller `lookahead`."""
 
-    smoothing_time_s: float | None = Field(
+    smoothing_time_s: float = Field(
+        default=0.1, ge=0, le=1, description="Time constant of the low-pass on the command; 0 for none"
+    )
+    head_smoothing_time_s: float | None = Field(
         default=None,
         ge=0,
         le=2,
-        description="Time constant of the low-pass on the command, of the head if the neck has eyes; 0 for none; "
-        "default 0.1, with eyes 0.6, or 0.1 if the head leaves a share to them (--motion human)",
+        description="The same for the head of a neck with eyes; default 0.6, or 0.1 if the head leaves a share "
+        "to the eyes (--motion human)",
     )
 
 
@@ -143,12 +146,18 @@ class MpcSettings(Settings):
         default=None,
         gt=0,
         le=1,
-        description="Smoothing time T, of the head if the neck has eyes; larger is smoother, less accurate; "
-        "default 0.12, down to 0.07 for a neck whose dead time and lag are shorter than 0.2 s; with eyes 0.35, or 0.1 "
-        "if the head leaves a share to them (--motion human)",
+        description="Smoothing time T; larger is smoother, less accurate; default 0.12, down to 0.07 for a neck whose "
+        "dead time and lag are shorter than 0.2 s",
     )
     acquisition_time_s: float = Field(
         default=0.09, gt=0, le=1, description="T during acquisition from a large gaze error"
+    )
+    head_smoothing_time_s: float | None = Field(
+        default=None,
+        gt=0,
+        le=1,
+        description="smoothing_time_s for the head of a neck with eyes; default 0.35, or 0.1 if the head leaves "
+        "a share to the eyes (--motion human)",
     )
     terms: tuple[OwnFunction, ...] = Field(
         default=(), description="Your own costs, module:function, of pan and tilt; pan=module:function of one joint"

@@ -9,7 +9,7 @@ import numpy as np
 from gazempc.controllers.controller import Situation
 from gazempc.neck.ahead import JointAhead
 from gazempc.neck.kinematics import eye_angles_rad, head_angles_rad, look_at_rad, unwrap_pan
-from gazempc.neck.spec import BODY_AXIS, EYE_AXES, Eyes, NeckSpec
+from gazempc.neck.spec import BODY_AXIS, EYE_AXES, NeckSpec
 from gazempc.types import BoolArray, FloatArray
 
 # Best match with human gaze shifts of 20 deg (docs/eyes.md); smaller values have no further effect.
@@ -270,17 +270,21 @@ class Chain:
         return np.concatenate([head_rad, self.eyes.commands_rad(situation, means_base_m, others), *body], axis=1)
 
 
-def head_time_s(eyes: Eyes, usual_s: float) -> float:
-    """Default smoothing time of the head of a neck with eyes.
+def head_time_s(neck: NeckSpec, given_s: float | None, usual_s: float) -> float:
+    """Smoothing time of the head of a neck with eyes.
 
     Args:
-        eyes: The eyes.
-        usual_s: Of a head without a share for the eyes, seconds.
+        neck: The neck.
+        given_s: Setting of the user, seconds; None for the default of the neck.
+        usual_s: Default for a head without a share for the eyes, seconds.
 
     Returns:
         Seconds.
     """
-    return _SHARED_HEAD_TIME_S if min(eyes.head_share_pan, eyes.head_share_up) < 1.0 else usual_s
+    if given_s is not None:
+        return given_s
+    shares = neck.eyes is not None and min(neck.eyes.head_share_pan, neck.eyes.head_share_up) < 1.0
+    return _SHARED_HEAD_TIME_S if shares else usual_s
 
 
 def low_pass(keep: float, knots: int) -> tuple[FloatArray, FloatArray]:

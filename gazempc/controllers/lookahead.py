@@ -9,6 +9,7 @@ import numpy as np
 from gazempc.controllers.chain import Chain, head_time_s, low_pass, slopes
 from gazempc.controllers.controller import Plan, Situation
 from gazempc.neck.spec import NeckSpec
+from gazempc.settings import LookAheadSettings
 from gazempc.types import FloatArray
 
 # Length of a plan, seconds: more than a control period, to bridge a late successor.
@@ -18,8 +19,9 @@ _PLAN_S = 0.4
 _ACQUISITION_RAD = math.radians(5.0)
 # Bound on the eye angle, as a share of the eyes' range.
 _EYES_SHARE = 0.4
-# Default time constant, and that of a head with eyes, which compensate its lag.
-_TIME_S, _HEAD_TIME_S = 0.1, 0.6
+# Time constant of a head with eyes, which compensate its lag.
+_HEAD_TIME_S = 0.6
+_DEFAULTS = LookAheadSettings()
 
 
 class LookAhead:
@@ -34,20 +36,26 @@ class LookAhead:
 
     Args:
         neck: The neck; its dead time, servo lag (2 zeta / wn) and servo period are the preview on each axis.
-        smoothing_time_s: Time constant of a first-order low-pass on the commanded angles, of the head if the neck has
-            eyes: larger is smoother and slower after unforeseen motion. 0 for none. None: 0.1; with eyes 0.6, or 0.1 if
-            they have a share of the angle, as people turn such a head at top speed.
+        smoothing_time_s: Time constant of a first-order low-pass on the commanded angles: larger is smoother and slower
+            after unforeseen motion. 0 for none.
+        head_smoothing_time_s: The same for the head of a neck with eyes. None: 0.6, or 0.1 if the eyes have a share of
+            the angle, as people turn such a head at top speed.
 
     Attributes:
         neck: The neck.
     """
 
-    def __init__(self, neck: NeckSpec, smoothing_time_s: float | None = None) -> None:
+    def __init__(
+        self,
+        neck: NeckSpec,
+        smoothing_time_s: float = _DEFAULTS.smoothing_time_s,
+        head_smoothing_time_s: float | None = _DEFAULTS.head_smoothing_time_s,
+    ) -> None:
         self.neck = neck
         knots = round(_PLAN_S / neck.control_period_s) + 1
         self._knots_s: FloatArray = neck.control_period_s * np.arange(knots, dtype=np.float64)
-        if smoothing_time_s is None:
-            smoothing_time_s = _TIME_S if neck.eyes is None else head_time_s(neck.eyes, _HEAD_TIME_S)
+        if neck.eyes is not None:
+            smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
         self._keep = math.exp(-neck.control_period_s / smoothing_time_s) if smoothing_time_s > 0 else 0.0
         # The zero-order hold adds a mean delay of half a servo period.
         ahead_s = (neck.dead_time_s + neck.servo_lag_s)[:2] + 0.5 * neck.servo_period_s

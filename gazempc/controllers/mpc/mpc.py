@@ -49,11 +49,12 @@ class Mpc:
     Args:
         neck: The neck.
         horizon_s: Length of the optimised motion after the dead time, seconds.
-        smoothing_time_s: T, of the head if the neck has eyes: gaze motion faster than the inverse of this time (in
-            rad/s) is smoothed rather than followed; larger is smoother and less exact. None: 0.12, for a neck with less
-            than 0.2 s of dead time and lag 0.62 of these, at least 0.07; with eyes 0.35, or 0.1 if they have a share of
-            the angle, as people turn such a head at top speed.
+        smoothing_time_s: T: gaze motion faster than the inverse of this time (in rad/s) is smoothed rather than
+            followed; larger is smoother and less exact. None: 0.12, for a neck with less than 0.2 s of dead time and
+            lag 0.62 of these, at least 0.07.
         acquisition_time_s: T during acquisition of a person far off the gaze; at most `smoothing_time_s` is used.
+        head_smoothing_time_s: T of the head of a neck with eyes. None: 0.35, or 0.1 if the eyes have a share of the
+            angle, as people turn such a head at top speed.
         terms: Own costs: functions of `gazempc.controllers.mpc.problem.Trajectory` whose value, a convex quadratic
             scalar in rad^2 times control periods, is added to the cost of pan and of tilt; or such lists by the
             joint's name.
@@ -78,6 +79,7 @@ class Mpc:
         horizon_s: float = _DEFAULTS.horizon_s,
         smoothing_time_s: float | None = _DEFAULTS.smoothing_time_s,
         acquisition_time_s: float = _DEFAULTS.acquisition_time_s,
+        head_smoothing_time_s: float | None = _DEFAULTS.head_smoothing_time_s,
         terms: OwnChoice = (),
         rows: OwnChoice = (),
         framing: Framing = _NO_FRAMING,
@@ -85,8 +87,8 @@ class Mpc:
         self.picture = FramedPicture.of(framing, neck)
         if self.picture is not None:
             horizon_s, smoothing_time_s = framing.horizon_s, framing.smoothing_time_s
-        elif smoothing_time_s is None and neck.eyes is not None:
-            smoothing_time_s = head_time_s(neck.eyes, _HEAD_TIME_S)
+        elif neck.eyes is not None:
+            smoothing_time_s = head_time_s(neck, head_smoothing_time_s, _HEAD_TIME_S)
         elif smoothing_time_s is None:
             delay_s = float(np.max((neck.dead_time_s + neck.servo_lag_s)[: len(AXES)]))
             smoothing_time_s = min(max(_SHARE_OF_DELAY * delay_s, SHORTEST_TIME_S), LONGEST_TIME_S)
