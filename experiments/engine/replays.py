@@ -41,12 +41,10 @@ class ReplayJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
-        mapping, fitted = self.settings.reading.mapping, self.settings.walker.fitted
         return key_of(
             self,
             recording=recording_hash(self.recording),
-            mapping=file_hash(mapping) if mapping else "",
-            models=models_hash(fitted),
+            models=models_hash(self.settings.walker.fitted),
             parts=parts_hash(self.controller, self.settings.predictor),
         )
 

@@ -19,11 +19,12 @@ _MOST_ARRAYS = 200
 _KINDS = "biufU"
 
 
-def read_npz(file: Path | bytes) -> dict[str, Any]:
+def read_npz(file: Path | bytes, most_bytes: int = _MOST_BYTES) -> dict[str, Any]:
     """Read all arrays of a file.
 
     Args:
         file: Its path, or its bytes.
+        most_bytes: Maximum size of a file that is given by its path.
 
     Returns:
         Arrays by name.
@@ -33,7 +34,7 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
         ValueError: If it is not such a file, is damaged or encrypted, or has arrays of other types than numbers and
             text.
     """
-    data = file if isinstance(file, bytes) else read_limited(file, _MOST_BYTES)
+    data = file if isinstance(file, bytes) else read_limited(file, most_bytes)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_members(archive, len(data))
@@ -46,27 +47,6 @@ def read_npz(file: Path | bytes) -> dict[str, Any]:
         raise
     except Exception as error:  # a damaged archive makes the libraries raise errors of many unrelated classes
         raise ValueError(f"a damaged archive ({type(error).__name__}: {shown(str(error), 100)})") from None
-
-
-def check_npz(path: Path, most_bytes: int) -> None:
-    """Reject a file of arrays that is unsafe for other readers; a file that is not an archive passes.
-
-    Args:
-        path: Its path.
-        most_bytes: Maximum size.
-
-    Raises:
-        OSError: If it cannot be read, is too large, or its content is far larger than the file.
-        ValueError: If an array disagrees with its header.
-    """
-    data = read_limited(path, most_bytes)
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            _check_members(archive, len(data))
-    except (OSError, ValueError):
-        raise
-    except Exception:  # not an archive, or damaged: the reader's message names the accepted formats
-        return
 
 
 def _check_members(archive: zipfile.ZipFile, size_bytes: int) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.files.bounds import MEGABYTE
-from gazempc.files.npz import check_npz
+from gazempc.files.npz import read_npz
 from gazempc.loop.attended import AttendedPeople
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.track import PersonTrack, Target
@@ -142,7 +142,7 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         return shipped_walker_model()
     try:
         path = model_file(fitted, person)
-        check_npz(path, _MOST_MODEL_BYTES)
+        read_npz(path, _MOST_MODEL_BYTES)
         return load_walker_model(path)
     except WalkerModelError as error:
         raise SettingsError(f"walker.fitted: {error}") from None

@@ -78,7 +78,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
 
     Args:
         path: File to read.
-        options: Body, head joint and the camera's pitch.
+        options: Id of the body as `person`, and the camera's pitch.
 
     Returns:
         The recording, with the robot in its frame's origin.
@@ -90,26 +90,26 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     file = _parse(path)
     times_usec = np.array([frame.timestamp_usec for frame in file.frames])
     check_times_increase(path, times_usec, "frame {}".format)
-    bodies = [_bodies(path, index, frame) for index, frame in enumerate(file.frames)]
-    chosen = _choose(path, bodies, options.kinect_body_id)
-    seen = np.array([index for index, found in enumerate(bodies) if chosen in found])
-    tracked = [bodies[index][chosen] for index in seen]
+    chosen = _choose(path, file.frames, options.person)
+    tracked = {k: body for k, frame in enumerate(file.frames) for body in frame.bodies if body.body_id == chosen}
+    seen = np.array(list(tracked))
 
     def place(row: int) -> str:
         return f"frame {seen[row]}, body {chosen}"
 
-    positions_mm = _joints(path, file.joint_names, "joint_positions", [body.joint_positions for body in tracked], place)
-    quats = _joints(path, file.joint_names, "joint_orientations", [body.joint_orientations for body in tracked], place)
+    positions_mm, quats = (
+        _joints(path, file.joint_names, field, [getattr(body, field) for body in tracked.values()], place)
+        for field in ("joint_positions", "joint_orientations")
+    )
     for name, values in quats.items():
         check_unit_quaternions(path, values, f"{name} joint_orientations (w,x,y,z)", place)
     # Pitch up is a negative rotation about +y (left), as a positive one takes x to -z.
     level = Rotation.from_euler("y", -options.kinect_camera_pitch_deg, degrees=True)
     level *= Rotation.from_matrix(_LEVEL_FROM_CAMERA)
-    head = options.kinect_head_joint.upper()
-    names = (head, "PELVIS")
+    names = ("NOSE", "PELVIS")
     turns = [level * Rotation.from_quat(quats[name], scalar_first=True) * _PERSON_IN_JOINT for name in names]
     face = positions_mm["NOSE"] - 0.5 * (positions_mm["EAR_LEFT"] + positions_mm["EAR_RIGHT"])
-    _check_head_axes(path, head, turns[0], level.apply(face))
+    _check_head_axes(path, turns[0], level.apply(face))
     head_m, pelvis_m = (1e-3 * level.apply(positions_mm[name]) for name in names)
     head_quat, pelvis_quat = (turn.as_quat(scalar_first=True) for turn in turns)
     # Frames without the body take the last row, which is unknown.
@@ -137,25 +137,23 @@ def _parse(path: Path) -> _File:
     return file
 
 
-def _bodies(path: Path, index: int, frame: _Frame) -> dict[int, _Body]:
-    """Bodies of a frame by id."""
-    found = {body.body_id: body for body in frame.bodies}
-    if len(found) < len(frame.bodies):
-        raise RecordingError(path, f"frame {index}", "two bodies with the same id", "each body once")
-    return found
-
-
-def _choose(path: Path, bodies: list[dict[int, _Body]], body_id: int | None) -> int:
+def _choose(path: Path, frames: Sequence[_Frame], wanted: str | None) -> int:
     """Id of the body to read: the requested one, else the one in most frames (of several, the lowest id)."""
-    counts = Counter(seen_id for found in bodies for seen_id in found)
+    counts = Counter[int]()
+    for index, frame in enumerate(frames):
+        ids = {body.body_id for body in frame.bodies}
+        if len(ids) < len(frame.bodies):
+            raise RecordingError(path, f"frame {index}", "two bodies with the same id", "each body once")
+        counts.update(ids)
     if not counts:
-        raise RecordingError(path, "frames", f"no body in any of {len(bodies)} frames", "a tracked body")
-    if body_id is None:
+        raise RecordingError(path, "frames", f"no body in any of {len(frames)} frames", "a tracked body")
+    if wanted is None:
         return min(counts, key=lambda seen_id: (-counts[seen_id], seen_id))
-    if body_id not in counts:
-        ids = ", ".join(f"{seen_id} ({counts[seen_id]} frames)" for seen_id in sorted(counts))
-        raise RecordingError(path, "frames", f"no body with id {body_id}", f"one of the ids {ids}")
-    return body_id
+    found = [seen_id for seen_id in counts if str(seen_id) == wanted]
+    if not found:
+        known = ", ".join(f"{seen_id} ({counts[seen_id]} frames)" for seen_id in sorted(counts))
+        raise RecordingError(path, "frames", f"no body with id {wanted}", f"one of the ids {known}")
+    return found[0]
 
 
 def _joints(
@@ -174,7 +172,7 @@ def _joints(
     return found
 
 
-def _check_head_axes(path: Path, joint: str, head: Rotation, face: FloatArray) -> None:
+def _check_head_axes(path: Path, head: Rotation, face: FloatArray) -> None:
     """Reject a head whose axes are over 60 degrees (median) from the face, nose minus ears, and from up."""
     forward_deg = _median_angle_deg(head.apply([1.0, 0.0, 0.0]), face)
     up_deg = _median_angle_deg(head.apply([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 1.0]]))
@@ -184,7 +182,7 @@ def _check_head_axes(path: Path, joint: str, head: Rotation, face: FloatArray) -
             f"and its up axis {up_deg:.0f} deg from up (medians)"
         )
         expected = f"both under {_MAX_AXIS_ERROR_DEG:.0f} deg, with the joint's axes +X up, +Y facing, +Z left"
-        raise RecordingError(path, f"joint {joint}", problem, expected)
+        raise RecordingError(path, "joint NOSE", problem, expected)
 
 
 def _median_angle_deg(a: FloatArray, b: FloatArray) -> float:

@@ -36,7 +36,6 @@ AXES = {
 }
 _AXIS = re.compile(r"([+-]?)([xyz])")
 _ORDERS = ("wxyz", "xyzw")
-_ROTATION_VECTOR = "rotvec"
 # Fixed axes in lower case, axes of the body in capitals.
 _SEQUENCES = tuple("".join(axes) for letters in ("xyz", "XYZ") for axes in product(letters, repeat=3))
 
@@ -107,13 +106,11 @@ def orientations(table: RawTable, mapping: ColumnMapping, part: str, axes: str) 
         quats = _quaternions(table, text, f"{part}_q")
         return quats_of(quats, lambda known: in_our_axes(Rotation.from_quat(known, scalar_first=True)))
     if text := given.get(f"{part}_euler"):
-        body, words = split_options(text, (*ANGLES_RAD, _ROTATION_VECTOR, *_SEQUENCES))
+        body, words = split_options(text, (*ANGLES_RAD, *_SEQUENCES))
         values, unit = vector(table, body, EULER, f"{part}_euler")
         units = [word for word in words if word in ANGLES_RAD]
         order = next((word for word in words if word not in ANGLES_RAD), "xyz")
         values = values * _radians(table, units, unit, f"{part}_euler")
-        if order == _ROTATION_VECTOR:
-            return quats_of(values, lambda known: in_our_axes(Rotation.from_rotvec(known)))
         return quats_of(values, lambda known: in_our_axes(Rotation.from_euler(order, known)))
     if text := given.get(f"{part}_yaw"):
         body, words = split_options(text, tuple(ANGLES_RAD))
