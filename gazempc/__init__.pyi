@@ -11,8 +11,8 @@ from gazempc.live.gaze import Gaze as Gaze
 from gazempc.neck.picture import Framing as Framing
 from gazempc.neck.spec import NeckSpec as NeckSpec
 from gazempc.neck.spec import load_neck as load_neck
-from gazempc.recordings.arrays import recording_from_arrays as recording_from_arrays
 from gazempc.recordings.load import load_recording as load_recording
+from gazempc.recordings.load import recording_from_arrays as recording_from_arrays
 from gazempc.recordings.recording import Recording as Recording
 from gazempc.results.log import Log as Log
 from gazempc.results.log_files import load_log as load_log

@@ -15,8 +15,7 @@ from gazempc.neck.spec import Axis, Eyes, Geometry, NeckSpec, neck_names
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE
 from gazempc.recordings.readers.table import shipped_mappings
 from gazempc.recordings.readers.tables.body_poses import AXES
-from gazempc.recordings.readers.tables.header import COLUMNS
-from gazempc.recordings.readers.tables.mapping import ColumnMapping
+from gazempc.recordings.readers.tables.mapping import COLUMNS, ColumnMapping
 from gazempc.recordings.readers.tables.values import TIMES_S
 from gazempc.results.attention import AttentionMetrics
 from gazempc.results.log import Fault, Log, RunInfo

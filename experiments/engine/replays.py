@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from experiments.engine.job import Row, file_hash, key_of, models_hash, parts_hash, recording_hash
+from experiments.engine.job import Row, key_of, models_hash, parts_hash, recording_hash
 from gazempc.errors import LeftOutError
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from gazempc.errors import GazempcError
-from gazempc.recordings.recording import Recording
-from gazempc.recordings.truth import stretches
+from gazempc.recordings.recording import Recording, stretches
 from gazempc.types import FloatArray
 from predictors.geometry import yaw_rad
 

@@ -15,8 +15,7 @@ from experiments.engine.replays import load_once
 from gazempc.loop.build import Person, make_predictor
 from gazempc.parts import PREDICTOR, name_of
 from gazempc.recordings.placement import place
-from gazempc.recordings.recording import Recording
-from gazempc.recordings.truth import TrueHead, stretches
+from gazempc.recordings.recording import Recording, TrueHead, stretches
 from gazempc.settings import PredictorSettings
 from gazempc.sim.scene import SceneSettings, natural_placement
 from gazempc.sim.sensor import SensorSpec, default_sensor, observe

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from experiments.engine.job import Row, key_of, recording_hash
 from experiments.paper.published import FRAME_RATE_HZ, HORIZON_S, PUBLISHED, RANGE_M
 from gazempc.errors import LeftOutError
-from gazempc.recordings.recording import Recording
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import Recording, TrueHead
 from gazempc.sim.scene import make_scene
 from gazempc.sim.sensor import SensorSpec, load_sensor, observe
 from gazempc.types import FloatArray

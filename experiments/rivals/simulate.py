@@ -19,7 +19,7 @@ from experiments.rivals.rival import Detection, HeadCamera, Rival, View, half_si
 from gazempc.loop.recorder import JointColumns, LoopRecorder
 from gazempc.neck.kinematics import seen_from_head
 from gazempc.neck.spec import Geometry, NeckSpec
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.results.log import Log, RunInfo
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.spec import FieldOfView

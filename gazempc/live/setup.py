@@ -39,7 +39,7 @@ from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, make, options_for
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, check_members, name_of
 from gazempc.people.company import Cues
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.results.log import RunInfo
 from gazempc.robots.robot import Robot
 from gazempc.settings import LoopSettings

@@ -10,8 +10,7 @@ import numpy as np
 from gazempc.errors import SettingsError
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.track import Target
-from gazempc.recordings.recording import Recording
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import Recording, TrueHead
 from gazempc.results.log import Log
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.spec import SensorSpec

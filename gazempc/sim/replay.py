@@ -25,7 +25,7 @@ from gazempc.neck.narrow import narrowed
 from gazempc.parts import CONTROLLER, PREDICTOR, gaze_of, name_of
 from gazempc.people.schedule import LookAways
 from gazempc.people.tracker_faults import is_low_rate
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.results.log import ComputeTimes, Log, RunInfo
 from gazempc.results.metrics import MIN_DURATION_S
 from gazempc.results.moments import Moment

@@ -16,7 +16,7 @@ from gazempc.live.sources.replay import ReplaySource
 from gazempc.live.sources.source import Arrived
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.neck.kinematics import look_at_rad
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.sim.sensor import load_sensor
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import Sighting

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from builders.replays import NECK
-from gazempc.recordings.arrays import recording_from_arrays
+from gazempc.recordings.load import recording_from_arrays
 from gazempc.sim.scene import SceneSettings, make_scene
 
 

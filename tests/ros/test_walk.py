@@ -14,7 +14,7 @@ import gazempc as gz
 from gazempc.live.clock import RealClock
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.neck.kinematics import gaze_error_rad
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.results.log_files import load_log
 from gazempc.sim.scene import SceneSettings, make_scene
 

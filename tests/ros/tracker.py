@@ -18,7 +18,7 @@ from gazempc.live.clock import RealClock
 from gazempc.live.process import before_other_programs
 from gazempc.live.sources.replay import ReplaySource
 from gazempc.neck.spec import load_neck
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.sim.scene import SceneSettings, make_scene
 
 WARM_UP_S = 1.5

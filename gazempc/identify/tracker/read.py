@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.errors import RecordingError, SettingsError, suggest
-from gazempc.files.text import read_text
+from gazempc.files.bounds import read_text
 from gazempc.live.sources.json_lines import LineError, parse_line
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.checks import check_plausible

@@ -151,15 +151,14 @@ def _joined(found: Sequence[Sighted]) -> list[Sighted]:
     groups: dict[tuple[str, str, str], list[Sighted]] = defaultdict(list)
     for seen in found:
         groups[seen.person, seen.frame, seen.name.partition("_")[0]].append(seen)
-    return [_join(group) if len(group) > 1 else group[0] for group in groups.values()]
-
-
-def _join(group: Sequence[Sighted]) -> Sighted:
-    fields = zip(*(vars(seen.poses).values() for seen in group), strict=True)
-    every = Poses(*(np.concatenate(field) for field in fields))
-    poses, first = usable(every), group[0]
-    left_out = sum(seen.left_out for seen in group) + every.times_s.size - poses.times_s.size
-    return replace(first, name=f"{first.name.partition('_')[0]}_{first.person}", poses=poses, left_out=left_out)
+    joined = []
+    for (person, _, kind), group in groups.items():
+        every = Poses(*map(np.concatenate, zip(*(vars(seen.poses).values() for seen in group), strict=True)))
+        poses = usable(every)
+        left_out = sum(seen.left_out for seen in group) + every.times_s.size - poses.times_s.size
+        name = group[0].name if len(group) == 1 else f"{kind}_{person}"
+        joined.append(replace(group[0], name=name, poses=poses, left_out=left_out))
+    return joined
 
 
 def _of_topic(topic: str, messages: Iterable[BagMessage]) -> Sighted:
@@ -245,15 +244,32 @@ def _open(path: Path) -> tuple[FrameTree, list[Sighted]]:
 
 
 def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sighted, options: ReadOptions) -> Recording:
-    frame, axes, poses, notes = _in_frame(path, frames, seen, options)
+    """The track in the requested frame with x forward, z up, and the person's x out of the face."""
+    goal = options.bag_frame or seen.frame
+    moved, lost = (seen.poses, 0) if goal == seen.frame else _moved(path, frames, seen.poses, seen.frame, goal)
+    # The person's axes are inferred in the sensor's frame, because people face the sensor.
+    own, _ = forward(seen.frame, seen.poses, options.bag_axes if goal == seen.frame else None)
+    is_sensor, is_face = seen.frame not in FIXED_FRAMES, seen.name.startswith("face_")
+    turn, note = person_axes(own.position_m, own.quat_wxyz, is_sensor, is_face)
+    poses, was_optical = forward(goal, moved, options.bag_axes)
     if not poses.times_s.size:
-        raise RecordingError(f"{path}: {seen.name} in {frame}", "", "no pose", "at least one pose in that frame")
-    track = Track(poses.position_m, poses.quat_wxyz, *_pelvis(frames, seen, frame, axes, poses.times_s))
+        raise RecordingError(f"{path}: {seen.name} in {goal}", "", "no pose", "at least one pose in that frame")
+    about = f"{seen.name}, {poses.times_s.size} frames in {goal}"
+    about += ", optical axes rotated to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
+    notes = [f"{about} (the options bag_frame and bag_axes change it)", *([note] if note else [])]
+    if left_out := seen.left_out + lost:
+        notes.append(
+            f"{left_out} messages repeat a stamp, have no finite pose, or came while {FACES} did not list the face or "
+            f"{goal} was unknown: left out"
+        )
+    notes.append(f"messages arrived {1e3 * np.median(poses.delays_s):.0f} ms after their stamp (median)")
+    pelvis = _pelvis(frames, seen, goal, "optical" if was_optical else "forward", poses.times_s)
+    track = Track(poses.position_m, turn(poses.quat_wxyz), *pelvis)
     others = [f"{other.name} ({other.poses.times_s.size} in {other.frame})" for other in people if other is not seen]
     if others:
         notes.append(f"also in the bag: {', '.join(others)}; select by the option person")
     times_s = poses.times_s - poses.times_s[0]
-    found = recording_of(path, times_s, track, "tracked", frame not in FIXED_FRAMES, notes=notes)
+    found = recording_of(path, times_s, track, "tracked", goal not in FIXED_FRAMES, notes=notes)
     name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
     # ROS4HRI's person ids are common to all bags of a robot; an index beside the bag has priority.
     labels, is_person_id = found.labels, seen.topic == TF and seen.person != seen.name.partition("_")[2]
@@ -275,29 +291,6 @@ def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
         problem = f"only bodies: {', '.join(s.name for s in people)}"
         raise RecordingError(path, f"topic {TF}", problem, "a head; or the option person")
     return heads[0]
-
-
-def _in_frame(path: Path, frames: FrameTree, seen: Sighted, options: ReadOptions) -> tuple[str, Axes, Poses, list[str]]:
-    """Target frame, its axes, the poses in it (x forward, z up; people's x out of the face), and notes."""
-    goal = options.bag_frame or seen.frame
-    moved, lost = (seen.poses, 0) if goal == seen.frame else _moved(path, frames, seen.poses, seen.frame, goal)
-    # The person's axes are inferred in the sensor's frame, because people face the sensor.
-    own, _ = forward(seen.frame, seen.poses, options.bag_axes if goal == seen.frame else None)
-    is_sensor, is_face = seen.frame not in FIXED_FRAMES, seen.name.startswith("face_")
-    turn, note = person_axes(own.position_m, own.quat_wxyz, is_sensor, is_face)
-    poses, was_optical = forward(goal, moved, options.bag_axes)
-    about = f"{seen.name}, {poses.times_s.size} frames in {goal}"
-    about += ", optical axes rotated to x forward, y left, z up" if was_optical else ", x forward, y left, z up"
-    notes = [f"{about} (the options bag_frame and bag_axes change it)", *([note] if note else [])]
-    if left_out := seen.left_out + lost:
-        notes.append(
-            f"{left_out} messages repeat a stamp, have no finite pose, or came while {FACES} did not list the face or "
-            f"{goal} was unknown: left out"
-        )
-    if poses.times_s.size:
-        notes.append(f"messages arrived {1e3 * np.median(poses.delays_s):.0f} ms after their stamp (median)")
-    axes: Axes = "optical" if was_optical else "forward"
-    return goal, axes, replace(poses, quat_wxyz=turn(poses.quat_wxyz)), notes
 
 
 def _moved(path: Path, frames: FrameTree, poses: Poses, start: str, goal: str) -> tuple[Poses, int]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -88,19 +88,16 @@ class FrameTree:
         Returns:
             Transforms, each with whether it is applied from child to parent; None if the frames are not connected.
         """
-        neighbours: Mapping[str, list[tuple[str, Edge, bool]]] = defaultdict(list)
-        # Static transforms first: of two chains of equal length the one without interpolation is found.
-        for parent, child in (*self.fixed, *self.moving):
-            neighbours[child].append((parent, (parent, child), True))
-            neighbours[parent].append((child, (parent, child), False))
         came: dict[str, list[tuple[Edge, bool]]] = {start: []}
-        waiting = deque([start])
-        while waiting and goal not in came:
-            here = waiting.popleft()
-            for there, edge, up in neighbours[here]:
-                if there not in came:
+        reached = [start]
+        for here in reached:  # grows with each frame that is found
+            # Static transforms first: of two chains of equal length the one without interpolation is found.
+            for edge in (*self.fixed, *self.moving):
+                up = here == edge[1]
+                there = edge[0] if up else edge[1]
+                if here in edge and there not in came:
                     came[there] = [*came[here], (edge, up)]
-                    waiting.append(there)
+                    reached.append(there)
         return came.get(goal)
 
     def along(self, way: Iterable[tuple[Edge, bool]], times_s: FloatArray) -> tuple[FloatArray, Rotation, BoolArray]:

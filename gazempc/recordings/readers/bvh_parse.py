@@ -6,6 +6,7 @@ Line numbers start at 1. Joint names may contain blanks; braces may follow a nam
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError, shown
-from gazempc.files.text import read_text
+from gazempc.files.bounds import read_text
 from gazempc.recordings.readers.checks import MAX_MAGNITUDE, check_finite
 from gazempc.types import FloatArray
 
@@ -89,7 +90,7 @@ def parse_bvh(path: Path) -> Bvh:
     labels = [f"{joint.name} {channel}" for joint in joints for channel in joint.channels]
     rows: list[list[float]] = []
     numbers: list[int] = []
-    while not lines.at_end:
+    while lines.rest:
         words = lines.next("a frame")
         if len(words) != len(labels):
             problem = f"{len(words)} values in frame {len(rows) + 1}"
@@ -150,18 +151,12 @@ class _Lines:
         self._path, self.number = path, 0
         numbered = enumerate(text.splitlines(), start=1)
         pieces = ((number, piece.split()) for number, line in numbered for piece in _PIECES.findall(line))
-        self._lines: list[tuple[int, list[str]]] = [(number, words) for number, words in pieces if words]
-        self._next = 0
-
-    @property
-    def at_end(self) -> bool:
-        return self._next == len(self._lines)
+        self.rest: deque[tuple[int, list[str]]] = deque((number, words) for number, words in pieces if words)
 
     def next(self, expected: str) -> list[str]:
-        if self.at_end:
+        if not self.rest:
             raise self.error("the file ends here (truncated?)", expected)
-        self.number, words = self._lines[self._next]
-        self._next += 1
+        self.number, words = self.rest.popleft()
         return words
 
     def match(self, pattern: str, expected: str) -> re.Match[str]:

@@ -134,15 +134,14 @@ def check_times_increase(source: Path, times: FloatArray, place: Place) -> None:
     Raises:
         RecordingError: Names the first such frame, its time stamp and the one before it.
     """
-    if not np.isfinite(times).all():
-        index = int(np.argmin(np.isfinite(times)))
-        problem = f"the time stamp is {times[index]:g}"
-        raise RecordingError(source, place(index), problem, "finite time stamps, each larger than the one before")
-    wrong = times[1:] <= times[:-1]
+    finite = np.isfinite(times)
+    wrong = ~finite
+    wrong[1:] |= times[1:] <= times[:-1]
     if wrong.any():
-        index = int(np.argmax(wrong)) + 1
-        before, now = float(times[index - 1]), float(times[index])
+        index = int(np.argmax(wrong))
+        now, before = times[index].item(), times[index - 1].item()
         problem = f"the time stamp {now!r} follows {before!r} in {place(index - 1)}"
+        problem = problem if finite[index] else f"the time stamp is {now:g}"
         raise RecordingError(source, place(index), problem, "finite time stamps, each larger than the one before")
 
 

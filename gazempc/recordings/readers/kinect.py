@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from pydantic import BaseModel, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import RecordingError
-from gazempc.files.text import read_text
+from gazempc.files.bounds import read_text
 from gazempc.recordings.readers.checks import (
     Place,
     check_finite,
@@ -26,7 +27,7 @@ from gazempc.recordings.readers.checks import (
     check_unit_quaternions,
     recording_of,
 )
-from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.options import ReadOptions, choose_person
 from gazempc.recordings.recording import Recording, Track
 from gazempc.types import FloatArray
 
@@ -84,14 +85,20 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
         The recording, with the robot in its frame's origin.
 
     Raises:
-        RecordingError: If the file is not such JSON, the body is missing, the values are damaged or in
-            other units, or the head's axes disagree with the face.
+        RecordingError: If the file is not such JSON, has no body, the values are damaged or in other units, or the
+            head's axes disagree with the face.
+        SettingsError: If the requested body is not in the file.
     """
     file = _parse(path)
     times_usec = np.array([frame.timestamp_usec for frame in file.frames])
     check_times_increase(path, times_usec, "frame {}".format)
-    chosen = _choose(path, file.frames, options.person)
-    tracked = {k: body for k, frame in enumerate(file.frames) for body in frame.bodies if body.body_id == chosen}
+    ids = [[body.body_id for body in frame.bodies] for frame in file.frames]
+    if twice := [k for k, found in enumerate(ids) if len(set(found)) < len(found)]:
+        raise RecordingError(path, f"frame {twice[0]}", "two bodies with the same id", "each body once")
+    if not any(ids):
+        raise RecordingError(path, "frames", f"no body in any of {len(ids)} frames", "a tracked body")
+    chosen, notes = choose_person(path, Counter(map(str, sorted(chain.from_iterable(ids)))), options.person)
+    tracked = {k: body for k, frame in enumerate(file.frames) for body in frame.bodies if str(body.body_id) == chosen}
     seen = np.array(list(tracked))
 
     def place(row: int) -> str:
@@ -118,7 +125,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     parts = (head_m, head_quat, pelvis_m, pelvis_quat)
     track = Track(*(np.pad(part, ((0, 1), (0, 0)), constant_values=np.nan)[rows] for part in parts))
     times_s = (times_usec[seen[0] : seen[-1] + 1] - times_usec[seen[0]]) * 1e-6
-    return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE)
+    return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE, notes=notes)
 
 
 def _parse(path: Path) -> _File:
@@ -137,25 +144,6 @@ def _parse(path: Path) -> _File:
     return file
 
 
-def _choose(path: Path, frames: Sequence[_Frame], wanted: str | None) -> int:
-    """Id of the body to read: the requested one, else the one in most frames (of several, the lowest id)."""
-    counts = Counter[int]()
-    for index, frame in enumerate(frames):
-        ids = {body.body_id for body in frame.bodies}
-        if len(ids) < len(frame.bodies):
-            raise RecordingError(path, f"frame {index}", "two bodies with the same id", "each body once")
-        counts.update(ids)
-    if not counts:
-        raise RecordingError(path, "frames", f"no body in any of {len(frames)} frames", "a tracked body")
-    if wanted is None:
-        return min(counts, key=lambda seen_id: (-counts[seen_id], seen_id))
-    found = [seen_id for seen_id in counts if str(seen_id) == wanted]
-    if not found:
-        known = ", ".join(f"{seen_id} ({counts[seen_id]} frames)" for seen_id in sorted(counts))
-        raise RecordingError(path, "frames", f"no body with id {wanted}", f"one of the ids {known}")
-    return found[0]
-
-
 def _joints(
     path: Path, names: list[str], field: str, frames: Sequence[Sequence[Sequence[_Number]]], place: Place
 ) -> dict[str, FloatArray]:
@@ -164,11 +152,10 @@ def _joints(
         if len(entries) != len(names):
             problem = f"{len(entries)} {field} for {len(names)} joint_names"
             raise RecordingError(path, place(row), problem, f"{len(names)} {field}, one per joint")
-    found, axes = {}, "xyz" if field == "joint_positions" else "wxyz"
-    for joint in JOINTS:
-        column = names.index(joint)
-        found[joint] = np.array([entries[column] for entries in frames], dtype=np.float64)
-        check_finite(path, found[joint], [f"{joint} {field} {axis}" for axis in axes], place)
+    values, axes = np.array(frames, dtype=np.float64), "xyz" if field == "joint_positions" else "wxyz"
+    found = {joint: values[:, names.index(joint)] for joint in JOINTS}
+    for joint, of_joint in found.items():
+        check_finite(path, of_joint, [f"{joint} {field} {axis}" for axis in axes], place)
     return found
 
 

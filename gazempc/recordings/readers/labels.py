@@ -151,22 +151,17 @@ def labels_for(path: Path, times_s: FloatArray, path_m: FloatArray) -> Labels:
         The labels.
     """
     row = _index_row(path)
-    activity = row.get("kind") or None
+    group, activity = row.get("group"), row.get("kind") or None
+    if not group or group in ROUTES:
+        by_motion = route_group(times_s, path_m)
+        stays = by_motion == STANDING if activity is None else activity in _STAYING
+        group = STANDING if stays else group or by_motion
     return Labels(
         subject=row.get("subject") or path.stem.split("_")[0] or path.stem,
-        group=_group(row.get("group") or None, activity, times_s, path_m),
+        group=group,
         description=row.get("source_description") or "",
         activity=activity,
     )
-
-
-def _group(stated: str | None, activity: str | None, times_s: FloatArray, path_m: FloatArray) -> str:
-    if stated is not None and stated not in ROUTES:
-        return stated
-    if activity is not None:
-        return STANDING if activity in _STAYING else stated or route_group(times_s, path_m)
-    by_motion = route_group(times_s, path_m)
-    return stated if stated is not None and by_motion != STANDING else by_motion
 
 
 def _index_row(path: Path) -> dict[str, str]:

@@ -1,11 +1,17 @@
-"""Options of the readers: facts about a file that are not in it."""
+"""Options of the readers, facts about a file that are not in it; and the choice of one person of several."""
 
 from __future__ import annotations
 
+from collections import Counter
+from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from pydantic import BaseModel, ConfigDict, Field
+
+from gazempc.errors import SettingsError, suggest
+
+_SHOWN = 8
 
 
 class ReadOptions(BaseModel):
@@ -22,14 +28,10 @@ class ReadOptions(BaseModel):
         default=False, description="Infer the meaning of the columns, and print it"
     )
     person: str | None = Field(
-        default=None,
-        description="Person to read, of several: an id, a name, or a topic of a bag; default: the longest track",
+        default=None, description="Person to read: id, name, or topic of a bag; default: the longest track"
     )
     kinect_camera_pitch_deg: float = Field(
-        default=0.0,
-        gt=-90.0,
-        lt=90.0,
-        description="Pitch of the camera in degrees, positive upwards; levels its frame.",
+        default=0.0, gt=-90.0, lt=90.0, description="Pitch of the camera in degrees, positive upwards."
     )
     bvh_unit_m: float | None = Field(
         default=None, gt=0.0, description="Metres per unit of a BVH file; default: inferred from the person's height."
@@ -38,13 +40,10 @@ class ReadOptions(BaseModel):
         default=None, gt=0.0, description="Frames per second of a BVH file; default: from its Frame Time."
     )
     bvh_head_joint: str | None = Field(
-        default=None,
-        description="Name of the head's joint in a BVH file; default: found by its name, else the upper "
-        "end of the spine.",
+        default=None, description="Head's joint in a BVH file; default: by its name, else the upper end of the spine."
     )
     bvh_hips_joint: str | None = Field(
-        default=None,
-        description="Name of the hips' joint in a BVH file; default: found by name, else where both legs start.",
+        default=None, description="Hips' joint in a BVH file; default: by its name, else where both legs start."
     )
     bvh_facing: Literal["x", "-x", "y", "-y", "z", "-z"] | None = Field(
         default=None,
@@ -62,3 +61,28 @@ class ReadOptions(BaseModel):
         description="Axes of bag_frame: z forward, y down (optical) or x forward, z up; default: by its name, or by "
         "the positions of people.",
     )
+
+
+def choose_person(source: Path, seen: Counter[str], wanted: str | None) -> tuple[str, list[str]]:
+    """Select one person of a file.
+
+    Args:
+        source: The file, for messages.
+        seen: Number of frames with each person, by id; at least one person.
+        wanted: The user's choice, or None for the person in most frames (of several, the first).
+
+    Returns:
+        The id, and a note if there are others.
+
+    Raises:
+        SettingsError: If the wanted person is not in the file.
+    """
+    chosen = seen.most_common(1)[0][0] if wanted is None else wanted
+    if chosen not in seen:
+        raise SettingsError(f"--reading.person {wanted}: not in {source}; {suggest(chosen, seen)}")
+    if len(seen) == 1:
+        return chosen, []
+    others = [f"{name} ({count})" for name, count in seen.most_common() if name != chosen]
+    more = f" and {len(others) - _SHOWN} more" if len(others) > _SHOWN else ""
+    about = f"person {chosen} of {len(seen)} ({seen[chosen]} frames{'' if wanted else ', the most'})"
+    return chosen, [f"{about}; also in the file: {', '.join(others[:_SHOWN])}{more}; choose by --reading.person"]

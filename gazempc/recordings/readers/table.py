@@ -9,6 +9,7 @@ user's, one saved beside the file, a shipped one, or a guess.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -22,20 +23,17 @@ from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
-from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.options import ReadOptions, choose_person
 from gazempc.recordings.readers.tables.body_poses import read_parts, ros_frame
-from gazempc.recordings.readers.tables.header import (
+from gazempc.recordings.readers.tables.mapping import (
     NEEDED,
+    ColumnMapping,
+    ShippedMapping,
     choose_from_header,
     guess,
     own_mapping,
-    people_in_header,
-    rows_of_person,
-)
-from gazempc.recordings.readers.tables.mapping import (
-    ColumnMapping,
-    ShippedMapping,
     parse_columns,
+    people_in_header,
     read_mapping,
     saved_places,
 )
@@ -103,8 +101,11 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
     times_s, track = read_parts(table, mapping)
     known, selected = np.isfinite(times_s) & track.valid, np.ones(times_s.size, dtype=np.bool_)
     if mapping.person is not None:
-        selected, identity, more = rows_of_person(table, table.one(mapping.person), known, person)
-        notes += more
+        ids = np.array([_plain(text) for text in table.texts(table.one(mapping.person))])
+        seen = Counter(dict.fromkeys(ids.tolist(), 0))
+        seen.update(ids[known].tolist())
+        identity, more = choose_person(path, seen, person and _plain(person))
+        selected, notes = ids == identity, [*notes, *more]
     count, lost = int(selected.sum()), selected & ~known
     if lost.any():
         first = table.place(int(np.argmax(lost)))
@@ -164,6 +165,15 @@ def shipped_mappings() -> dict[str, ShippedMapping]:
     found = {name: load_spec(ShippedMapping, FOLDER, name) for name in shipped_names(FOLDER)}
     # Most specific first, by number of columns: a skeleton before a rigid body.
     return dict(sorted(found.items(), key=lambda item: -len(item[1].texts())))
+
+
+def _plain(text: str) -> str:
+    """Normalised id: 3 for 3.0 and for 3.0e+00."""
+    try:
+        number = float(text)
+        return str(int(number)) if number.is_integer() else text.strip()
+    except (ValueError, OverflowError):
+        return text.strip()
 
 
 def _raw(path: Path) -> RawTable:

@@ -33,6 +33,7 @@ from gazempc.recordings.synthetic.walks import (
     HeadingProfile,
     place_in_view,
     quat_wxyz,
+    rotated,
     synthetic,
 )
 from gazempc.types import FloatArray
@@ -154,15 +155,14 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
     walking = speed_m_s / max(float(speed_m_s.max()), 1e-9)
     gait = walk_motion(rng, walker, times_s, speed_m_s)
     sway_m = (1.0 - walking)[:, None] * _standing_sway(rng, times_s)
-    lean_m, gesture_rad = np.zeros((times_s.size, 2)), np.zeros_like(times_s)
-    if activity == "gesture":
-        lean_m, gesture_rad = _gestures(rng, times_s)
+    nothing = np.zeros((times_s.size, 2)), np.zeros_like(times_s)
+    lean_m, gesture_rad = _gestures(rng, times_s) if activity == "gesture" else nothing
     along_rad = np.where(walking > 0.0, heading_rad, body_rad)
 
     def position_base_m(body_m: FloatArray, gait_left_m: FloatArray, height_m: float) -> FloatArray:
         """Positions from offsets ahead and to the left of the body, and the gait's about the direction of travel."""
         gait_m = walking[:, None] * np.column_stack([gait.ahead_m, gait_left_m])
-        xy_m = base_m + _rotated(body_m, body_rad) + _rotated(gait_m, along_rad)
+        xy_m = base_m + rotated(body_m, body_rad) + rotated(gait_m, along_rad)
         return np.column_stack([xy_m, height_m - SENSOR_HEIGHT_M + walking * gait.up_m])
 
     look_rad = walker.head_yaw_wander_rad * walking + _LOOK_ABOUT_RAD * (1.0 - walking)
@@ -171,7 +171,6 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
     pitch_rad = walker.head_pitch_rad + PITCH_WANDER_RAD * slow_variation(rng, times_s, _LOOK_ABOUT_HZ)
     roll_rad = ROLL_WANDER_RAD * slow_variation(rng, times_s, _LOOK_ABOUT_HZ)
     pelvis_yaw_rad = body_rad + _GESTURE_PELVIS_SHARE * gesture_rad + walking * gait.pelvis_yaw_rad
-    level = np.zeros_like(times_s)
     return times_s, Track(
         head_position_m=position_base_m(
             sway_m + lean_m + [walker.head_ahead_m, 0.0], gait.head_left_m, walker.head_height_m
@@ -183,15 +182,8 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, activity: str) -
         pelvis_position_m=position_base_m(
             PELVIS_HEIGHT_RATIO * sway_m, gait.pelvis_left_m, PELVIS_HEIGHT_RATIO * walker.head_height_m
         ),
-        pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad, level, level),
+        pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad),
     )
-
-
-def _rotated(offset_m: FloatArray, yaw_rad: FloatArray) -> FloatArray:
-    """Offsets ahead and to the left, shape (N, 2), in the base frame; the yaw has shape (N,)."""
-    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    ahead_m, left_m = offset_m.T
-    return np.column_stack([ahead_m * cos - left_m * sin, ahead_m * sin + left_m * cos])
 
 
 def _speed(

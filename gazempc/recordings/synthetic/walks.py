@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
@@ -108,16 +109,6 @@ class HeadingProfile:
         return MINIMUM_JERK_PEAK * self.turn_rad / self.duration_s * self.rate_shape(times_s)
 
 
-def _misplacement(position_base_m: FloatArray) -> FloatArray:
-    """Distance by which paths, shape (..., N, 2), leave the camera's view: metres, shape (...), 0 inside."""
-    x, y = position_base_m[..., 0], position_base_m[..., 1]
-    distance = np.hypot(x, y)
-    beyond = np.maximum(ROUTE_RANGE_M[0] - distance, distance - ROUTE_RANGE_M[1])
-    beside = np.abs(y) * np.cos(ROUTE_HALF_ANGLE_RAD) - x * np.sin(ROUTE_HALF_ANGLE_RAD)
-    worst = np.maximum(np.maximum(beyond, beside), 0.0).max(axis=-1)
-    return np.asarray(worst)
-
-
 def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatArray) -> tuple[float, FloatArray]:
     """Fit a path into the camera's view by the smallest sufficient rotation and shift.
 
@@ -136,11 +127,15 @@ def place_in_view(path_m: FloatArray, heading_rad: float, middle_base_m: FloatAr
     turning = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
     ends_and_bends = path_m[np.linspace(0, len(path_m) - 1, 16).astype(int)]
     turned = ends_and_bends @ turning.transpose(0, 2, 1)
-    paths = turned[:, None] + (middle_base_m + shifts)[None, :, None]
+    x, y = np.moveaxis(turned[:, None] + (middle_base_m + shifts)[None, :, None], -1, 0)
+    distance = np.hypot(x, y)
+    beyond = np.maximum(ROUTE_RANGE_M[0] - distance, distance - ROUTE_RANGE_M[1])
+    beside = np.abs(y) * np.cos(ROUTE_HALF_ANGLE_RAD) - x * np.sin(ROUTE_HALF_ANGLE_RAD)
+    outside = np.maximum(np.maximum(beyond, beside), 0.0).max(axis=-1)
     # A metre of shift counts as much as a radian of rotation; leaving the view outweighs both.
     # Rounded, so that ties, and thus the first minimum, are the same on all platforms.
     effort = np.abs(rotations - heading_rad)[:, None] + np.hypot(shifts[:, 0], shifts[:, 1])[None]
-    best = np.argmin(effort.round(6) + 1e3 * _misplacement(paths))
+    best = np.argmin(effort.round(6) + 1e3 * outside)
     rotation, shift = divmod(int(best), len(shifts))
     return float(rotations[rotation]), middle_base_m + shifts[shift]
 
@@ -195,8 +190,7 @@ def walk_path(
         np.radians(route.heading_deg + rng.uniform(-12.0, 12.0)),
         np.asarray(route.middle_base_m) + rng.uniform(-0.3, 0.3, 2),
     )
-    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
-    path_base_m = middle_base_m + path_m @ np.array([[cos, sin], [-sin, cos]])
+    path_base_m = middle_base_m + rotated(path_m, heading_rad)
     profile = HeadingProfile(heading_rad, turn_rad, middle_s, turn_s)
     return times_s, path_base_m, speeds_m_s, headings_rad + heading_rad, profile
 
@@ -262,12 +256,10 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, route: Route) ->
     """Times, and gait, anticipation and gaze on a path of travel; without noise and gaps."""
     times_s, path_base_m, speed_m_s, heading_rad, profile = walk_path(rng, walker, route)
     gait = walk_motion(rng, walker, times_s, speed_m_s)
-    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
 
     def position_base_m(ahead_m: FloatArray, left_m: FloatArray, height_m: float) -> FloatArray:
-        x = path_base_m[:, 0] + ahead_m * cos - left_m * sin
-        y = path_base_m[:, 1] + ahead_m * sin + left_m * cos
-        return np.stack([x, y, height_m - SENSOR_HEIGHT_M + gait.up_m], axis=-1)
+        xy_m = path_base_m + rotated(np.column_stack([ahead_m, left_m]), heading_rad)
+        return np.column_stack([xy_m, height_m - SENSOR_HEIGHT_M + gait.up_m])
 
     # Head and pelvis turn before the path does: by more, the sharper the turn (Bernardin 2012). On the walks
     # the head's lead is about half as long in turns of 60 deg, and the pelvis's is zero.
@@ -286,7 +278,6 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, route: Route) ->
     pelvis_yaw_rad = profile.heading_rad(times_s + pelvis_lead_s) + drift_rad + gait.pelvis_yaw_rad
     pitch_rad = walker.head_pitch_rad + PITCH_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
     roll_rad = ROLL_WANDER_RAD * slow_variation(rng, times_s, _HIGHEST_WANDER_HZ)
-    level = np.zeros_like(times_s)
 
     pelvis_height_m = PELVIS_HEIGHT_RATIO * walker.head_height_m
     lean_rad = _LEAN_RATIO * speed_m_s * profile.rate_rad_s(times_s) / _GRAVITY_M_S2
@@ -297,14 +288,21 @@ def _true_track(rng: np.random.Generator, walker: WalkerTraits, route: Route) ->
         ),
         head_quat_wxyz=quat_wxyz(head_yaw_rad, pitch_rad + gait.head_pitch_rad, roll_rad + gait.head_roll_rad),
         pelvis_position_m=position_base_m(gait.ahead_m, gait.pelvis_left_m, pelvis_height_m),
-        pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad, level, level),
+        pelvis_quat_wxyz=quat_wxyz(pelvis_yaw_rad),
     )
 
 
-def quat_wxyz(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
+def quat_wxyz(yaw_rad: FloatArray, pitch_rad: ArrayLike = 0.0, roll_rad: ArrayLike = 0.0) -> FloatArray:
     """Quaternions, shape (N, 4), from yaw (left), then pitch (nose down), then roll (to the right ear)."""
-    angles_rad = np.stack([yaw_rad, pitch_rad, roll_rad], axis=-1)
+    angles_rad = np.column_stack(np.broadcast_arrays(yaw_rad, pitch_rad, roll_rad))
     return np.asarray(Rotation.from_euler("ZYX", angles_rad).as_quat(scalar_first=True))
+
+
+def rotated(offset_m: FloatArray, yaw_rad: ArrayLike) -> FloatArray:
+    """Offsets ahead and to the left, shape (N, 2), in the base frame; the yaw has shape (N,) or is one for all."""
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    ahead_m, left_m = offset_m.T
+    return np.column_stack([ahead_m * cos - left_m * sin, ahead_m * sin + left_m * cos])
 
 
 def measured_track(rng: np.random.Generator, truth: Track) -> Track:

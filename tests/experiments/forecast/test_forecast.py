@@ -13,10 +13,9 @@ from builders.own_parts import own_module
 from experiments.forecast.command import forecast, main
 from experiments.forecast.errors import ForecastErrors, forecast_errors, placed_for, smooth_truth
 from experiments.forecast.page import summarise
-from gazempc.recordings.arrays import recording_from_arrays
-from gazempc.recordings.load import load
+from gazempc.recordings.load import load, recording_from_arrays
 from gazempc.recordings.placement import place
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.sim.sensor import load_sensor
 from predictors import ConstantVelocity, Forecast, HeadPose, LastPosition, Perfect
 

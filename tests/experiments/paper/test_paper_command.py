@@ -13,7 +13,7 @@ from experiments.paper.findings import side_by_side
 from experiments.paper.frames import RULES, FrameJob, frames_of
 from experiments.paper.reproduction import analyse, main
 from experiments.paper.validation import exact_weight
-from gazempc.recordings.readers.tables.header import COLUMNS
+from gazempc.recordings.readers.tables.mapping import COLUMNS
 from gazempc.recordings.synthetic.walks import generate
 
 pytestmark = pytest.mark.usefixtures("in_this_process")

@@ -8,7 +8,7 @@ from experiments.paper.filters import TUNED_TIME_S
 from experiments.paper.frames import HORIZONS_S, RULES, FrameJob, frames_of
 from gazempc.recordings.load import load
 from gazempc.recordings.placement import place
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, HeadPose
 

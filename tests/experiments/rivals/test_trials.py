@@ -10,8 +10,7 @@ from experiments.rivals.trials import LOSS_S, SIT, STAND, make_trial, takes
 from gazempc.errors import LeftOutError
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.spec import Geometry, load_neck
-from gazempc.recordings.recording import Labels
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import Labels, TrueHead
 from gazempc.sim.sensor import load_sensor
 
 WALK = "subject01_R1"

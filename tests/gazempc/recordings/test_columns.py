@@ -114,7 +114,7 @@ def test_roll_pitch_yaw_and_yaw_only_are_converted(tmp_path):
     same_turns(found, TILTED, 1e-5)
     yaw = np.degrees(Walk.travel_rad + 0.3)
     path = write(tmp_path / "b.csv", ["s", "x", "y", "z", "yaw_deg"], T, Walk.head_m, yaw)
-    same_turn(read(path, "t=s, head=[x,y,z], head_yaw=yaw"))
+    same_turn(read(path, "t=s, head=[x,y,z], head_euler=[=0,=0,yaw]"))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from builders.exports import FRAMES, KINECT, Walk, kinect, same_turns
 from builders.recordings import assert_refused
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import RecordingError
+from gazempc.errors import SettingsError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 
@@ -51,10 +51,11 @@ def test_the_longest_or_the_selected_body_is_read(tmp_path):
     for frame, more in list(zip(content["frames"], other["frames"], strict=True))[5:30]:
         frame["bodies"].insert(0, more["bodies"][0])
     path = write(tmp_path / "a.json", content)
-    assert len(load(path).times_s) == FRAMES
+    recording = load(path)
+    assert (len(recording.times_s), "also in the file: 3 (25)" in recording.notes[0]) == (FRAMES, True)
     found = load(path, ReadOptions(person="3")).measured.pelvis_position_m
     np.testing.assert_allclose(found, Walk.pelvis_m[5:30] - [0.0, 2.0, 0.0], atol=1e-9)
-    with pytest.raises(RecordingError, match=r"no body with id 5.*3 \(25 frames\), 7 \(45 frames\)"):
+    with pytest.raises(SettingsError, match=r"--reading\.person 5: not in .*accepted: 3, 7"):
         load(path, ReadOptions(person="5"))
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 import gazempc as gz
 from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
-from gazempc.recordings.readers.tables.header import COLUMNS
+from gazempc.recordings.readers.tables.mapping import COLUMNS
 
 N = 60
 
@@ -170,7 +170,7 @@ def test_parquet_damage_is_reported_with_its_column(tmp_path, column):
     columns = {name: values[:, k] for k, name in enumerate(COLUMNS)}
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table(columns | {column: ["x"] * N}), path)
-    with pytest.raises(RecordingError, match=rf"a\.parquet: column {column}: type string"):
+    with pytest.raises(RecordingError, match=rf"a\.parquet: row 1, column {column}: 'x' is not a number"):
         load(path)
     pq.write_table(pa.table(columns | {column: [None, *values[1:, COLUMNS.index(column)]]}), path)
     assert load(path).times_s.size == N - (column == "t")

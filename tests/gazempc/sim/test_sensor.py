@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from gazempc.errors import PlacementError, SettingsError
 from gazempc.recordings.placement import place
-from gazempc.recordings.recording import Recording, Track
+from gazempc.recordings.recording import Recording, Track, TrueHead
 from gazempc.recordings.synthetic.walks import generate
-from gazempc.recordings.truth import TrueHead
 from gazempc.sim.sensor import default_sensor, load_sensor, observe
 
 PERFECT = load_sensor("perfect")

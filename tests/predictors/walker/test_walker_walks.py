@@ -17,7 +17,7 @@ from scipy.stats import f as f_distribution
 from experiments.engine.command import find_recordings
 from experiments.forecast.errors import forecast_errors
 from gazempc.recordings.load import load
-from gazempc.recordings.truth import TrueHead
+from gazempc.recordings.recording import TrueHead
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance
 from predictors.walker.model_file import shipped_walker_model

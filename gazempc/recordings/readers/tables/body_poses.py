@@ -108,15 +108,12 @@ def orientations(table: RawTable, mapping: ColumnMapping, part: str, axes: str) 
     if text := given.get(f"{part}_euler"):
         body, words = split_options(text, (*ANGLES_RAD, *_SEQUENCES))
         values, unit = vector(table, body, EULER, f"{part}_euler")
-        units = [word for word in words if word in ANGLES_RAD]
+        unit = next((word for word in reversed(words) if word in ANGLES_RAD), unit or "")
         order = next((word for word in words if word not in ANGLES_RAD), "xyz")
-        values = values * _radians(table, units, unit, f"{part}_euler")
-        return quats_of(values, lambda known: in_our_axes(Rotation.from_euler(order, known)))
-    if text := given.get(f"{part}_yaw"):
-        body, words = split_options(text, tuple(ANGLES_RAD))
-        name = table.one(body)
-        yaw = table.numbers(name) * _radians(table, words, table.unit(name), f"{part}_yaw")
-        return quats_of(yaw[:, None], lambda known: Rotation.from_euler("z", known))
+        if unit not in ANGLES_RAD:
+            where = f"mapping of {part}_euler"
+            raise RecordingError(table.path, where, "angles without a unit", "a unit: :deg or :rad")
+        return quats_of(values * ANGLES_RAD[unit], lambda known: in_our_axes(Rotation.from_euler(order, known)))
     ways = [given.get(f"{part}_{way}") for way in ("forward", "left")]
     if ways == [None, None]:
         return np.full((len(table.places), 4), np.nan)
@@ -144,13 +141,6 @@ def _quaternions(table: RawTable, text: str, what: str) -> FloatArray:
     values = np.where((values == 0.0).all(axis=1, keepdims=True), np.nan, values)
     check_unit_quaternions(table.path, values, f"{what}{{w,x,y,z}}", table.place)
     return values
-
-
-def _radians(table: RawTable, words: list[str], of_column: str | None, what: str) -> float:
-    unit = (words or [of_column or ""])[-1]
-    if unit not in ANGLES_RAD:
-        raise RecordingError(table.path, f"mapping of {what}", "angles without a unit", "a unit: :deg or :rad")
-    return ANGLES_RAD[unit]
 
 
 def _from_directions(forward: FloatArray | None, left: FloatArray | None) -> FloatArray:

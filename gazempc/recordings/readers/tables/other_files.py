@@ -11,8 +11,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from gazempc.errors import RecordingError, importing
-from gazempc.files.text import read_text
-from gazempc.recordings.readers.tables.header import COLUMNS
+from gazempc.files.bounds import read_text
 from gazempc.recordings.readers.tables.raw_table import RawTable
 
 # An hour of 50 columns at 60 Hz.
@@ -33,8 +32,7 @@ def parquet_table(path: Path) -> RawTable:
         The table; numeric columns as numbers, all others as text.
 
     Raises:
-        RecordingError: If the file is not such a table, or a column of the package is not numeric; rows are counted
-            from 1.
+        RecordingError: If the file is not such a table; rows are counted from 1.
         MissingOptionalDependencyError: If pyarrow is not installed.
     """
     with importing("Reading Parquet files", "pyarrow", "parquet"):
@@ -59,11 +57,9 @@ def parquet_table(path: Path) -> RawTable:
     if table.num_rows == 0:
         raise RecordingError(path, "", "a header and no rows", "one row per frame")
     columns = []
-    for name, column in zip(table.column_names, table.columns, strict=True):
+    for column in table.columns:
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             columns.append(column.to_numpy().astype(np.float64))
-        elif name in COLUMNS:
-            raise RecordingError(path, f"column {name}", f"type {arrow.field(name).type}", "floating-point numbers")
         else:
             columns.append(_texts(column))
     return RawTable(path, "plain", tuple(table.column_names), columns, range(1, table.num_rows + 1))

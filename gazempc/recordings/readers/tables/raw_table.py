@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -220,8 +221,7 @@ def wide(table: RawTable) -> RawTable:
     places = dict(zip(reversed(frames), reversed(table.places), strict=True))
     rows = {frame: row for row, frame in enumerate(dict.fromkeys(frames))}
     prefix = f"{named[0].partition('_')[0].lower()}_" if all(mark.isdigit() for mark in marks) else ""
-    landmarks = dict.fromkeys(marks)
-    found = {f"{prefix}{mark}_{axis}": [""] * len(rows) for mark in landmarks for axis in "xyz"}
+    found: dict[str, list[str]] = defaultdict(lambda: [""] * len(rows))
     for axis, name in axes.items():
         for mark, frame, cell in zip(marks, frames, table.texts(name), strict=True):
             found[f"{prefix}{mark}_{axis}"][rows[frame]] = cell
@@ -232,5 +232,5 @@ def wide(table: RawTable) -> RawTable:
         columns=[*([frame[k] for frame in rows] for k in range(len(own))), *found.values()],
         places=[places[frame] for frame in rows],
         units={**table.units, **(dict.fromkeys(found, unit) if unit else {})},
-        notes=(*table.notes, f"rows of {len(landmarks)} landmarks are merged, one row per frame"),
+        notes=(*table.notes, f"rows of {len(set(marks))} landmarks are merged, one row per frame"),
     )

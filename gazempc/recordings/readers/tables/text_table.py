@@ -18,8 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from gazempc.errors import RecordingError
-from gazempc.files.bounds import MEGABYTE
-from gazempc.files.text import decode, read_bytes
+from gazempc.files.bounds import MEGABYTE, decode, read_bytes
 from gazempc.recordings.readers.tables.raw_table import (
     UNIT_WORDS,
     Layout,
@@ -131,13 +130,10 @@ def _rows(path: Path, text: str, separator: str) -> list[Row]:
 
 def _plain(path: Path, text: str, separator: str, rows: list[Row]) -> RawTable:
     """A table with one header line, possibly in a comment, or without."""
-    notes: list[str] = []
     width = Counter(len(row) for _, row in rows).most_common(1)[0][0]
     # Lines of text before the table have at most half as many cells.
     first = next(k for k, (_, row) in enumerate(rows) if 2 * len(row) > width)
-    if first:
-        notes.append(f"the first {first} lines are not part of the table: skipped")
-        rows = rows[first:]
+    rows, notes = rows[first:], [f"the first {first} lines are not part of the table: skipped"] if first else []
     names, units = [name.strip() for name in rows[0][1]], dict[str, str]()
     layout: Layout = "plain"
     if not any(map(is_number, names)):
@@ -181,14 +177,11 @@ def _motive_table(path: Path, rows: list[Row]) -> RawTable:
     if axes < 4 or len(above) < 2:
         problem = f"no line that begins with {_AXES!r} under kinds and names of objects"
         raise RecordingError(path, "header", problem, "a CSV export of Motive with headers")
-    if facts.get("Coordinate Space", "Global").strip() not in ("Global", ""):
-        raise RecordingError(
-            path, "header", f"Coordinate Space {facts['Coordinate Space']!r}", "an export with Coordinate Space Global"
-        )
+    if (space := facts.get("Coordinate Space", "").strip()) not in ("Global", ""):
+        raise RecordingError(path, "header", f"Coordinate Space {space!r}", "an export with Coordinate Space Global")
     names = []
     for k, axis in enumerate(rows[axes][1]):
-        over = (above[0], above[1], rows[axes - 1][1])
-        kind, name, quantity = (line[k].strip() if k < len(line) else "" for line in over)
+        kind, name, quantity = ("".join(line[k : k + 1]).strip() for line in (*above[:2], rows[axes - 1][1]))
         # Distinguishes a body's markers from bodies.
         quantity = "Marker" if "Marker" in kind and quantity == "Position" else quantity
         names.append(".".join(part for part in (*((name, quantity) if k > 1 else ()), axis.strip()) if part))

@@ -47,7 +47,7 @@ ANGLES_RAD = {"rad": 1.0, "deg": np.pi / 180.0}
 POSITION = (("x", "y", "z"), ("0", "1", "2"))
 QUATERNION = (("w", "x", "y", "z"), ("0", "1", "2", "3"))
 EULER = (("roll", "pitch", "yaw"), ("x", "y", "z"))
-_CONSTANT = re.compile(r"=\s*([-+]?[\d.]+)")
+_CONSTANT = re.compile(r"=\s*[-+]?(?:\d+\.?\d*|\.\d+)")
 
 
 def vector(table: RawTable, text: str, alphabets: Sequence[Sequence[str]], what: str) -> tuple[FloatArray, str | None]:
@@ -70,25 +70,20 @@ def vector(table: RawTable, text: str, alphabets: Sequence[Sequence[str]], what:
         raise table.missing(f"columns {text!r} with {', '.join(alphabets[0])} for the {what}", text)
     if len(parts) != len(alphabets[0]):
         raise RecordingError(table.path, f"mapping of the {what}", f"{text!r}", f"{len(alphabets[0])} columns")
-    constants = [_CONSTANT.fullmatch(part) for part in parts]
-    units = {table.unit(table.one(part)) for part, constant in zip(parts, constants, strict=True) if not constant}
+    constants = {part: float(part[1:]) for part in parts if _CONSTANT.fullmatch(part)}
+    names = [part if part in constants else table.one(part) for part in parts]
+    units = {table.unit(name) for name in names if name not in constants}
     unit = units.pop() if len(units) == 1 else None
-    if any(constants) and unit not in (None, "m"):
+    if unit not in (None, "m") and any(constants.values()):
         problem = f"a constant with columns in {unit}"
-        raise RecordingError(table.path, f"mapping of the {what}", problem, "columns in metres")
-    values = [
-        np.full(len(table.places), float(constant[1])) if constant else _finite_or_nan(table, table.one(part))
-        for part, constant in zip(parts, constants, strict=True)
-    ]
+        raise RecordingError(table.path, f"mapping of the {what}", problem, "columns in metres, or =0")
+    values = []
+    for name in names:
+        numbers = np.full(len(table.places), constants[name]) if name in constants else table.numbers(name)
+        # Infinite numbers are unknown; large ones, whose square would overflow, are damage.
+        values.append(np.where(np.isfinite(numbers), numbers, np.nan))
+        check_finite(table.path, np.nan_to_num(values[-1])[:, None], [name], table.place)
     return np.column_stack(values), unit
-
-
-def _finite_or_nan(table: RawTable, name: str) -> FloatArray:
-    """Numbers of a column, infinite ones as NaN; raises an error for numbers whose square would overflow."""
-    values = table.numbers(name)
-    values = np.where(np.isfinite(values), values, np.nan)
-    check_finite(table.path, np.nan_to_num(values)[:, None], [name], table.place)
-    return values
 
 
 def points(table: RawTable, text: str, what: str) -> tuple[list[FloatArray], list[FloatArray], str | None]:

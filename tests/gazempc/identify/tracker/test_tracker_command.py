@@ -9,7 +9,7 @@ from builders.trackers import person_m, seen_m
 from scipy.spatial.transform import Rotation
 
 from gazempc.identify.identify import main
-from gazempc.recordings.arrays import recording_from_arrays
+from gazempc.recordings.load import recording_from_arrays
 from gazempc.sim.sensor import load_sensor, observe
 
 TIMES_S = np.arange(0.0, 10.0, 1.0 / 18.0)
