@@ -77,18 +77,6 @@ def read_limited(path: Path, most_bytes: int) -> bytes:
     return data
 
 
-def most_unpacked_bytes(size_bytes: int) -> int:
-    """Largest plausible unpacked size of a packed file.
-
-    Args:
-        size_bytes: Size of the file.
-
-    Returns:
-        Bytes.
-    """
-    return _UNPACKED_BYTES + _UNPACKED_PER_BYTE * size_bytes
-
-
 def check_unpacked(unpacked_bytes: int, size_bytes: int) -> None:
     """Reject a packed file with an implausible unpacked size, before unpacking.
 
@@ -99,9 +87,10 @@ def check_unpacked(unpacked_bytes: int, size_bytes: int) -> None:
     Raises:
         OSError: If the unpacked size is far larger than the file.
     """
-    if unpacked_bytes > most_unpacked_bytes(size_bytes):
+    most_bytes = _UNPACKED_BYTES + _UNPACKED_PER_BYTE * size_bytes
+    if unpacked_bytes > most_bytes:
         problem = f"its content is implausibly large for its size: {_size(unpacked_bytes)} unpacked"
-        raise OSError(errno.ENOMEM, f"{problem}, {_size(most_unpacked_bytes(size_bytes))} accepted")
+        raise OSError(errno.ENOMEM, f"{problem}, {_size(most_bytes)} accepted")
 
 
 def check_values(data: bytes) -> None:

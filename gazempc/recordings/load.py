@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gazempc.errors import RecordingError, suggest
-from gazempc.files.bounds import check_file
 from gazempc.recordings.readers.bag import read_bag, read_bag_people
 from gazempc.recordings.readers.bag_messages import FILE_ENDINGS
 from gazempc.recordings.readers.bvh import read_bvh
@@ -94,14 +93,9 @@ def load(name_or_path: str | Path, options: ReadOptions | None = None) -> Record
         problem = "this folder is neither a ROS 2 bag nor OpenPose output"
         raise RecordingError(name, "", problem if is_directory else f"unknown file type {path.suffix!r}", accepted)
     try:
-        # Pipes and the like could block a reader forever.
-        for part in path.iterdir() if is_directory else (path,):
-            if not part.is_dir():
-                check_file(part)
         return reader(path, options or ReadOptions())
     except OSError as error:
-        place = Path(error.filename).name if is_directory and error.filename else ""
-        raise RecordingError(path, place, f"cannot be read: {error.strerror or error}", accepted) from None
+        raise RecordingError(path, "", f"cannot be read: {error.strerror or error}", accepted) from None
 
 
 # Public name in `import gazempc`.

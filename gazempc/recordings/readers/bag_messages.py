@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gazempc.errors import RecordingError, SettingsError, importing, shown
-from gazempc.files.bounds import MEGABYTE, check_file, check_unpacked, most_unpacked_bytes, read_limited
+from gazempc.files.bounds import MEGABYTE, check_file, check_unpacked, read_limited
 from gazempc.files.documents import check_yaml
 
 TF, TF_STATIC, FACES = "/tf", "/tf_static", "/humans/faces/tracked"
@@ -110,7 +110,7 @@ def _check(path: Path) -> None:
         sqlite3.Error: If a database is damaged.
         ValueError: If a database has a view or a trigger.
     """
-    files = [path] if path.is_file() else [part for part in path.iterdir() if not part.is_dir()]
+    files = [part for part in path.iterdir() if not part.is_dir()] if path.is_dir() else [path]
     for file in files:
         size_bytes = check_file(file)
         if file.name == _METADATA:
@@ -125,7 +125,7 @@ def _check(path: Path) -> None:
         if begin == _MCAP:
             check_unpacked(_chunk_bytes(file), size_bytes)
         elif begin.startswith(_ZSTD):
-            check_unpacked(_zstd_bytes(file, most_unpacked_bytes(size_bytes)), size_bytes)
+            _check_zstd(file, size_bytes)
 
 
 def _chunk_bytes(file: Path) -> int:
@@ -143,16 +143,16 @@ def _chunk_bytes(file: Path) -> int:
     return total
 
 
-def _zstd_bytes(file: Path, most_bytes: int) -> int:
-    """Unpacked size of a Zstandard file, bytes; counting stops beyond the largest accepted size."""
+def _check_zstd(file: Path, size_bytes: int) -> None:
+    """Check the unpacked size of a Zstandard file, by unpacking it as far as its size is plausible."""
     # A dependency of rosbags, and part of Python from 3.14 on.
     from backports import zstd  # noqa: PLC0415
 
     total = 0
     with zstd.open(file, "rb") as content:
-        while total <= most_bytes and (part := content.read(MEGABYTE)):
+        while part := content.read(MEGABYTE):
             total += len(part)
-    return total
+            check_unpacked(total, size_bytes)
 
 
 def _is_wanted(topic: str, kind: str) -> bool:

@@ -91,11 +91,10 @@ def _without_rest_frame(bvh: Bvh) -> tuple[Bvh, list[str]]:
     """Drop a first frame in the rest pose (rotations of exactly 0, then a jump), with a note."""
     is_rotation = np.array([channel.endswith("rotation") for joint in bvh.joints for channel in joint.channels])
     turns_deg = bvh.motion[:2][:, is_rotation]
-    if len(turns_deg) < 2 or not is_rotation.any() or turns_deg[0].any():
-        return bvh, []
-    if np.abs((turns_deg[1] + 180.0) % 360.0 - 180.0).max() <= _REST_FRAME_JUMP_DEG:
-        return bvh, []
-    return replace(bvh, motion=bvh.motion[1:]), ["first frame (rest pose) left out"]
+    in_rest = len(turns_deg) == 2 and is_rotation.any() and not turns_deg[0].any()
+    if in_rest and np.abs((turns_deg[1] + 180.0) % 360.0 - 180.0).max() > _REST_FRAME_JUMP_DEG:
+        return replace(bvh, motion=bvh.motion[1:]), ["first frame (rest pose) left out"]
+    return bvh, []
 
 
 def _up_axis(path: Path, wanted: str | None, to_head: FloatArray) -> FloatArray:

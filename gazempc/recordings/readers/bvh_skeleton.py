@@ -71,10 +71,9 @@ def find_skeleton(path: Path, joints: list[Joint], wanted_head: str | None, want
     """
     by_name = _pairs(joints)
     pairs, head_by = by_name or _mirrored(joints), ""
+    named = _named(joints, ("head",))
     heads = _wanted(path, joints, wanted_head, "bvh_head_joint")
-    if not heads:
-        named = _named(joints, ("head",))
-        heads = [k for k in named if not set(to_root(joints, k)[1:]) & set(named)]
+    heads = heads or [k for k in named if not set(to_root(joints, k)[1:]) & set(named)]
     if not heads:
         heads, head_by = _middle_end(joints, pairs), "far end of the central chain"
     if len(heads) != 1:

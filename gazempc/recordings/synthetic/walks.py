@@ -234,11 +234,8 @@ def generate(name: str) -> Recording:
     number, route_number = int(subject.removeprefix("subject")), int(route_name.removeprefix("R"))
     route = ROUTES[route_name]
     # Separate streams, so that a change of the noise does not change the motion.
-    people_rng = np.random.default_rng(DATASET_SEED)
-    motion_rng = np.random.default_rng([DATASET_SEED, number, route_number, 1])
-    noise_rng = np.random.default_rng([DATASET_SEED, number, route_number, 2])
-
-    walker = draw_walkers(people_rng, SUBJECTS)[number - 1]
+    motion_rng, noise_rng = (np.random.default_rng([DATASET_SEED, number, route_number, k]) for k in (1, 2))
+    walker = draw_walkers(np.random.default_rng(DATASET_SEED), SUBJECTS)[number - 1]
     times_s, truth = _true_track(motion_rng, walker, route)
     description = f"synthetic walk, route {route_name}: {route.description}"
     return synthetic(name, times_s, truth, noise_rng, Labels(subject, route.group, description))

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from gazempc.errors import RecordingError, importing
-from gazempc.files.bounds import read_text
+from gazempc.files.bounds import check_file, read_text
 from gazempc.recordings.readers.tables.raw_table import RawTable
 
 # An hour of 50 columns at 60 Hz.
@@ -32,12 +32,14 @@ def parquet_table(path: Path) -> RawTable:
         The table; numeric columns as numbers, all others as text.
 
     Raises:
+        OSError: If it is not a regular file.
         RecordingError: If the file is not such a table; rows are counted from 1.
         MissingOptionalDependencyError: If pyarrow is not installed.
     """
     with importing("Reading Parquet files", "pyarrow", "parquet"):
         import pyarrow as pa  # noqa: PLC0415 - optional
         import pyarrow.parquet as pq  # noqa: PLC0415 - optional
+    check_file(path)  # reading a pipe would not terminate
     try:
         file = pq.ParquetFile(path)
         arrow = file.schema_arrow

@@ -209,12 +209,11 @@ def _vicon_table(path: Path, rows: list[Row]) -> RawTable | None:
     objects, axes, units = (rows[first + k][1] for k in (2, 3, 4))
     names, name = [], ""
     for k, axis in enumerate(axes):
-        name = (objects[k].strip() if k < len(objects) else "") or name
         # Vicon Tracker writes "Global Angle Anna:Anna" over the angles.
-        name = name.removeprefix("Global Angle ")
+        name = "".join(objects[k : k + 1]).strip().removeprefix("Global Angle ") or name
         names.append(f"{name}.{axis.strip()}" if k > 1 else axis.strip())
-    words = [unit.strip().lower() for unit in units]
-    of_columns = {name: UNIT_WORDS[word] for name, word in zip(names, words, strict=False) if word in UNIT_WORDS}
+    words = (UNIT_WORDS.get(unit.strip().lower()) for unit in units)
+    of_columns = {name: word for name, word in zip(names, words, strict=False) if word}
     body = rows[first + 5 :]
     end = next((k for k, (_, row) in enumerate(body) if not is_number(row[0]) or len(row) == 1), len(body))
     cells = _cells(path, names, body[:end])
