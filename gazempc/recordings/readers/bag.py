@@ -194,7 +194,7 @@ def read_bag(path: Path, options: ReadOptions) -> Recording:
 
     Args:
         path: Folder of the bag, or a file of it.
-        options: Person or topic, frame and axes, to override the inferred ones.
+        options: Topic, person, frame and axes, to override the inferred ones.
 
     Returns:
         The recording, with notes on the other people in the bag.
@@ -267,7 +267,7 @@ def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sight
     track = Track(poses.position_m, turn(poses.quat_wxyz), *pelvis)
     others = [f"{other.name} ({other.poses.times_s.size} in {other.frame})" for other in people if other is not seen]
     if others:
-        notes.append(f"also in the bag: {', '.join(others)}; select by the option person")
+        notes.append(f"also in the bag: {', '.join(others)}; select by the options person and bag_topic")
     times_s = poses.times_s - poses.times_s[0]
     found = recording_of(path, times_s, track, "tracked", goal not in FIXED_FRAMES, notes=notes)
     name = path.stem if options.person is None else f"{path.stem}_{seen.person.strip('/').replace('/', '_')}"
@@ -279,16 +279,22 @@ def _recording(path: Path, frames: FrameTree, people: list[Sighted], seen: Sight
 
 
 def _chosen(path: Path, people: list[Sighted], options: ReadOptions) -> Sighted:
+    found = people
+    if options.bag_topic is not None:
+        found = [seen for seen in people if seen.topic == options.bag_topic]
+        if not found:
+            near = suggest(options.bag_topic, {seen.topic for seen in people})
+            raise SettingsError(f"bag_topic: no person on {options.bag_topic} in {path}; {near}")
     if options.person is not None:
-        named = [s for s in people if options.person in (s.name, s.person, s.name.partition("_")[2])]
+        named = [s for s in found if options.person in (s.name, s.person, s.name.partition("_")[2])]
         if not named:
-            near = suggest(options.person, {name for seen in people for name in (seen.name, seen.person)})
+            near = suggest(options.person, {name for seen in found for name in (seen.name, seen.person)})
             raise SettingsError(f"person: no {options.person!r} in {path}; {near}")
         return named[0]
     # Frames of bodies are at the hips, not at the head.
-    heads = [seen for seen in people if not seen.name.startswith("body_")]
+    heads = [seen for seen in found if not seen.name.startswith("body_")]
     if not heads:
-        problem = f"only bodies: {', '.join(s.name for s in people)}"
+        problem = f"only bodies: {', '.join(s.name for s in found)}"
         raise RecordingError(path, f"topic {TF}", problem, "a head; or the option person")
     return heads[0]
 

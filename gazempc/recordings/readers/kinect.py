@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +26,7 @@ from gazempc.recordings.readers.checks import (
     check_unit_quaternions,
     recording_of,
 )
-from gazempc.recordings.readers.options import ReadOptions, choose_person
+from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording, Track
 from gazempc.types import FloatArray
 
@@ -79,44 +78,38 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
 
     Args:
         path: File to read.
-        options: Id of the body as `person`, and the camera's pitch.
+        options: Body, head joint and the camera's pitch.
 
     Returns:
         The recording, with the robot in its frame's origin.
 
     Raises:
-        RecordingError: If the file is not such JSON, has no body, the values are damaged or in other units, or the
-            head's axes disagree with the face.
-        SettingsError: If the requested body is not in the file.
+        RecordingError: If the file is not such JSON, the body is missing, the values are damaged or in
+            other units, or the head's axes disagree with the face.
     """
     file = _parse(path)
     times_usec = np.array([frame.timestamp_usec for frame in file.frames])
     check_times_increase(path, times_usec, "frame {}".format)
-    ids = [[body.body_id for body in frame.bodies] for frame in file.frames]
-    if twice := [k for k, found in enumerate(ids) if len(set(found)) < len(found)]:
-        raise RecordingError(path, f"frame {twice[0]}", "two bodies with the same id", "each body once")
-    if not any(ids):
-        raise RecordingError(path, "frames", f"no body in any of {len(ids)} frames", "a tracked body")
-    chosen, notes = choose_person(path, Counter(map(str, sorted(chain.from_iterable(ids)))), options.person)
-    tracked = {k: body for k, frame in enumerate(file.frames) for body in frame.bodies if str(body.body_id) == chosen}
-    seen = np.array(list(tracked))
+    bodies = [_bodies(path, index, frame) for index, frame in enumerate(file.frames)]
+    chosen = _choose(path, bodies, options.kinect_body_id)
+    seen = np.array([index for index, found in enumerate(bodies) if chosen in found])
+    tracked = [bodies[index][chosen] for index in seen]
 
     def place(row: int) -> str:
         return f"frame {seen[row]}, body {chosen}"
 
-    positions_mm, quats = (
-        _joints(path, file.joint_names, field, [getattr(body, field) for body in tracked.values()], place)
-        for field in ("joint_positions", "joint_orientations")
-    )
+    positions_mm = _joints(path, file.joint_names, "joint_positions", [body.joint_positions for body in tracked], place)
+    quats = _joints(path, file.joint_names, "joint_orientations", [body.joint_orientations for body in tracked], place)
     for name, values in quats.items():
         check_unit_quaternions(path, values, f"{name} joint_orientations (w,x,y,z)", place)
     # Pitch up is a negative rotation about +y (left), as a positive one takes x to -z.
     level = Rotation.from_euler("y", -options.kinect_camera_pitch_deg, degrees=True)
     level *= Rotation.from_matrix(_LEVEL_FROM_CAMERA)
-    names = ("NOSE", "PELVIS")
+    head = options.kinect_head_joint.upper()
+    names = (head, "PELVIS")
     turns = [level * Rotation.from_quat(quats[name], scalar_first=True) * _PERSON_IN_JOINT for name in names]
     face = positions_mm["NOSE"] - 0.5 * (positions_mm["EAR_LEFT"] + positions_mm["EAR_RIGHT"])
-    _check_head_axes(path, turns[0], level.apply(face))
+    _check_head_axes(path, head, turns[0], level.apply(face))
     head_m, pelvis_m = (1e-3 * level.apply(positions_mm[name]) for name in names)
     head_quat, pelvis_quat = (turn.as_quat(scalar_first=True) for turn in turns)
     # Frames without the body take the last row, which is unknown.
@@ -125,7 +118,7 @@ def read_kinect(path: Path, options: ReadOptions) -> Recording:
     parts = (head_m, head_quat, pelvis_m, pelvis_quat)
     track = Track(*(np.pad(part, ((0, 1), (0, 0)), constant_values=np.nan)[rows] for part in parts))
     times_s = (times_usec[seen[0] : seen[-1] + 1] - times_usec[seen[0]]) * 1e-6
-    return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE, notes=notes)
+    return recording_of(path, times_s, track, "body tracking", has_robot=True, note=_NOTE)
 
 
 def _parse(path: Path) -> _File:
@@ -144,6 +137,27 @@ def _parse(path: Path) -> _File:
     return file
 
 
+def _bodies(path: Path, index: int, frame: _Frame) -> dict[int, _Body]:
+    """Bodies of a frame by id."""
+    found = {body.body_id: body for body in frame.bodies}
+    if len(found) < len(frame.bodies):
+        raise RecordingError(path, f"frame {index}", "two bodies with the same id", "each body once")
+    return found
+
+
+def _choose(path: Path, bodies: list[dict[int, _Body]], body_id: int | None) -> int:
+    """Id of the body to read: the requested one, else the one in most frames (of several, the lowest id)."""
+    counts = Counter(seen_id for found in bodies for seen_id in found)
+    if not counts:
+        raise RecordingError(path, "frames", f"no body in any of {len(bodies)} frames", "a tracked body")
+    if body_id is None:
+        return min(counts, key=lambda seen_id: (-counts[seen_id], seen_id))
+    if body_id not in counts:
+        ids = ", ".join(f"{seen_id} ({counts[seen_id]} frames)" for seen_id in sorted(counts))
+        raise RecordingError(path, "frames", f"no body with id {body_id}", f"one of the ids {ids}")
+    return body_id
+
+
 def _joints(
     path: Path, names: list[str], field: str, frames: Sequence[Sequence[Sequence[_Number]]], place: Place
 ) -> dict[str, FloatArray]:
@@ -152,14 +166,15 @@ def _joints(
         if len(entries) != len(names):
             problem = f"{len(entries)} {field} for {len(names)} joint_names"
             raise RecordingError(path, place(row), problem, f"{len(names)} {field}, one per joint")
-    values, axes = np.array(frames, dtype=np.float64), "xyz" if field == "joint_positions" else "wxyz"
-    found = {joint: values[:, names.index(joint)] for joint in JOINTS}
-    for joint, of_joint in found.items():
-        check_finite(path, of_joint, [f"{joint} {field} {axis}" for axis in axes], place)
+    found, axes = {}, "xyz" if field == "joint_positions" else "wxyz"
+    for joint in JOINTS:
+        column = names.index(joint)
+        found[joint] = np.array([entries[column] for entries in frames], dtype=np.float64)
+        check_finite(path, found[joint], [f"{joint} {field} {axis}" for axis in axes], place)
     return found
 
 
-def _check_head_axes(path: Path, head: Rotation, face: FloatArray) -> None:
+def _check_head_axes(path: Path, joint: str, head: Rotation, face: FloatArray) -> None:
     """Reject a head whose axes are over 60 degrees (median) from the face, nose minus ears, and from up."""
     forward_deg = _median_angle_deg(head.apply([1.0, 0.0, 0.0]), face)
     up_deg = _median_angle_deg(head.apply([0.0, 0.0, 1.0]), np.array([[0.0, 0.0, 1.0]]))
@@ -169,7 +184,7 @@ def _check_head_axes(path: Path, head: Rotation, face: FloatArray) -> None:
             f"and its up axis {up_deg:.0f} deg from up (medians)"
         )
         expected = f"both under {_MAX_AXIS_ERROR_DEG:.0f} deg, with the joint's axes +X up, +Y facing, +Z left"
-        raise RecordingError(path, "joint NOSE", problem, expected)
+        raise RecordingError(path, f"joint {joint}", problem, expected)
 
 
 def _median_angle_deg(a: FloatArray, b: FloatArray) -> float:

@@ -24,11 +24,20 @@ class ReadOptions(BaseModel):
         description="Meaning of a table's columns, such as 't=stamp:ns, head=[px,py,pz]:mm, axes=y-up'; see the "
         "page Tables as exported",
     )
+    mapping: Path | None = Field(
+        default=None, description="TOML file with the meaning of the columns; default: the file beside the table"
+    )
     guess: Annotated[bool, tyro.conf.arg(aliases=["--guess"])] = Field(
         default=False, description="Infer the meaning of the columns, and print it"
     )
     person: str | None = Field(
-        default=None, description="Person to read: id, name, or topic of a bag; default: the longest track"
+        default=None, description="Person to read, of several; default: the person with the longest track"
+    )
+    kinect_body_id: int | None = Field(
+        default=None, description="Body to read from a body tracking file; default: the body in most frames."
+    )
+    kinect_head_joint: Literal["nose", "head"] = Field(
+        default="nose", description="Joint used as the head: nose, or head (the base of the skull)."
     )
     kinect_camera_pitch_deg: float = Field(
         default=0.0, gt=-90.0, lt=90.0, description="Pitch of the camera in degrees, positive upwards."
@@ -52,6 +61,9 @@ class ReadOptions(BaseModel):
     )
     bvh_up_axis: Literal["y", "z"] | None = Field(
         default=None, description="Up axis of a BVH file; default: from the hips to the head."
+    )
+    bag_topic: str | None = Field(
+        default=None, description="Topic of a ROS 2 bag with the head; default: the topic with the longest track."
     )
     bag_frame: str | None = Field(
         default=None, description="Frame of a ROS 2 bag in which the robot stands; default: the sensor's."

@@ -183,14 +183,14 @@ def _raw(path: Path) -> RawTable:
 def _mapping_of(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[str, ...]]:
     """Mapping of a table, by the first of user, saved file, header, shipped mapping and guess; and notes."""
     given = ColumnMapping() if options.columns is None else parse_columns(options.columns)
-    if given.t is not None and given.head is not None:
+    if options.mapping is None and given.t is not None and given.head is not None:
         return given, ()
-    base, notes = _found(table, options.guess)
+    base, notes = _found(table, options)
     return given.over(base), notes
 
 
-def _found(table: RawTable, accept_guess: bool) -> tuple[ColumnMapping, tuple[str, ...]]:
-    saved = next((place for place in saved_places(table.path) if place.is_file()), None)
+def _found(table: RawTable, options: ReadOptions) -> tuple[ColumnMapping, tuple[str, ...]]:
+    saved = options.mapping or next((place for place in saved_places(table.path) if place.is_file()), None)
     if saved is not None:
         return read_mapping(saved), (f"columns as in {saved}",)
     if set(NEEDED) <= set(table.names):
@@ -206,7 +206,7 @@ def _found(table: RawTable, accept_guess: bool) -> tuple[ColumnMapping, tuple[st
     if guessed is not None:
         proposed, remarks = guessed
         option = proposed.as_option()
-        if accept_guess:
+        if options.guess:
             return proposed, (f'columns guessed: "{option}"', *remarks)
         remark = f" ({'; '.join(remarks)})" if remarks else ""
         proposal = f'a guess: --reading.columns "{option}"{remark}; paste and correct it, or accept it with --guess'

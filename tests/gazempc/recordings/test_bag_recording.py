@@ -155,11 +155,11 @@ def test_topics_of_people_rank_before_goals_by_length(tmp_path):
     assert "face_a (30 in camera_color_optical_frame), /person (30 in camera_link), /goal_pose (60 in map)" in found
     chosen = read(bag, person="mia")
     assert (chosen.name, chosen.times_s.size) == ("bag_mia", 30)
-    np.testing.assert_allclose(read(bag, person="/person").measured.head_position_m, WALK[:30], atol=1e-9)
+    np.testing.assert_allclose(read(bag, bag_topic="/person").measured.head_position_m, WALK[:30], atol=1e-9)
     with pytest.raises(SettingsError, match=r"no 'mai' in .*perhaps you meant 'mia'.*face_b"):
         read(bag, person="mai")
-    with pytest.raises(SettingsError, match=r"no '/persons' in .*'/person'.*/goal_pose, /person"):
-        read(bag, person="/persons")
+    with pytest.raises(SettingsError, match=r"no person on /persons.*'/person'.*/goal_pose, /person, /tf"):
+        read(bag, bag_topic="/persons")
     together = load_together(bag)
     assert [each.name for each in together] == ["bag_b", "bag_mia"]
 

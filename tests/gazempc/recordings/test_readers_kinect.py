@@ -8,7 +8,7 @@ from builders.exports import FRAMES, KINECT, Walk, kinect, same_turns
 from builders.recordings import assert_refused
 from scipy.spatial.transform import Rotation
 
-from gazempc.errors import SettingsError
+from gazempc.errors import RecordingError
 from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 
@@ -18,14 +18,15 @@ def write(path, content):
     return path
 
 
-@pytest.mark.parametrize("pitch", [12.0, -20.0])
-def test_a_known_walk_is_read_back_in_level_axes(tmp_path, pitch):
+@pytest.mark.parametrize(("pitch", "joint"), [(12.0, "nose"), (-20.0, "head")])
+def test_a_known_walk_is_read_back_in_level_axes(tmp_path, pitch, joint):
     path = write(tmp_path / "eva_R3.json", kinect(pitch))
-    recording = load(path, ReadOptions(kinect_camera_pitch_deg=pitch))
+    options = ReadOptions.model_validate({"kinect_camera_pitch_deg": pitch, "kinect_head_joint": joint})
+    recording = load(path, options)
     np.testing.assert_allclose(recording.times_s, Walk.times_s, atol=1e-6)
     track = recording.measured
     np.testing.assert_allclose(track.pelvis_position_m, Walk.pelvis_m, atol=1e-6)
-    np.testing.assert_allclose(track.head_position_m, Walk.point_m(*KINECT["NOSE"]), atol=1e-6)
+    np.testing.assert_allclose(track.head_position_m, Walk.point_m(*KINECT[joint.upper()]), atol=1e-6)
     same_turns(track.pelvis_quat_wxyz, Walk.pelvis, 1e-4)
     same_turns(track.head_quat_wxyz, Walk.head, 1e-4)
     assert recording.has_robot
@@ -51,12 +52,11 @@ def test_the_longest_or_the_selected_body_is_read(tmp_path):
     for frame, more in list(zip(content["frames"], other["frames"], strict=True))[5:30]:
         frame["bodies"].insert(0, more["bodies"][0])
     path = write(tmp_path / "a.json", content)
-    recording = load(path)
-    assert (len(recording.times_s), "also in the file: 3 (25)" in recording.notes[0]) == (FRAMES, True)
-    found = load(path, ReadOptions(person="3")).measured.pelvis_position_m
+    assert len(load(path).times_s) == FRAMES
+    found = load(path, ReadOptions(kinect_body_id=3)).measured.pelvis_position_m
     np.testing.assert_allclose(found, Walk.pelvis_m[5:30] - [0.0, 2.0, 0.0], atol=1e-9)
-    with pytest.raises(SettingsError, match=r"--reading\.person 5: not in .*accepted: 3, 7"):
-        load(path, ReadOptions(person="5"))
+    with pytest.raises(RecordingError, match=r"no body with id 5.*3 \(25 frames\), 7 \(45 frames\)"):
+        load(path, ReadOptions(kinect_body_id=5))
 
 
 def joints(content, frame, key="joint_positions"):

@@ -36,6 +36,7 @@ AXES = {
 }
 _AXIS = re.compile(r"([+-]?)([xyz])")
 _ORDERS = ("wxyz", "xyzw")
+_ROTATION_VECTOR = "rotvec"
 # Fixed axes in lower case, axes of the body in capitals.
 _SEQUENCES = tuple("".join(axes) for letters in ("xyz", "XYZ") for axes in product(letters, repeat=3))
 
@@ -106,14 +107,19 @@ def orientations(table: RawTable, mapping: ColumnMapping, part: str, axes: str) 
         quats = _quaternions(table, text, f"{part}_q")
         return quats_of(quats, lambda known: in_our_axes(Rotation.from_quat(known, scalar_first=True)))
     if text := given.get(f"{part}_euler"):
-        body, words = split_options(text, (*ANGLES_RAD, *_SEQUENCES))
+        body, words = split_options(text, (*ANGLES_RAD, _ROTATION_VECTOR, *_SEQUENCES))
         values, unit = vector(table, body, EULER, f"{part}_euler")
-        unit = next((word for word in reversed(words) if word in ANGLES_RAD), unit or "")
+        units = [word for word in words if word in ANGLES_RAD]
         order = next((word for word in words if word not in ANGLES_RAD), "xyz")
-        if unit not in ANGLES_RAD:
-            where = f"mapping of {part}_euler"
-            raise RecordingError(table.path, where, "angles without a unit", "a unit: :deg or :rad")
-        return quats_of(values * ANGLES_RAD[unit], lambda known: in_our_axes(Rotation.from_euler(order, known)))
+        values = values * _radians(table, units, unit, f"{part}_euler")
+        if order == _ROTATION_VECTOR:
+            return quats_of(values, lambda known: in_our_axes(Rotation.from_rotvec(known)))
+        return quats_of(values, lambda known: in_our_axes(Rotation.from_euler(order, known)))
+    if text := given.get(f"{part}_yaw"):
+        body, words = split_options(text, tuple(ANGLES_RAD))
+        name = table.one(body)
+        yaw = table.numbers(name) * _radians(table, words, table.unit(name), f"{part}_yaw")
+        return quats_of(yaw[:, None], lambda known: Rotation.from_euler("z", known))
     ways = [given.get(f"{part}_{way}") for way in ("forward", "left")]
     if ways == [None, None]:
         return np.full((len(table.places), 4), np.nan)
@@ -141,6 +147,13 @@ def _quaternions(table: RawTable, text: str, what: str) -> FloatArray:
     values = np.where((values == 0.0).all(axis=1, keepdims=True), np.nan, values)
     check_unit_quaternions(table.path, values, f"{what}{{w,x,y,z}}", table.place)
     return values
+
+
+def _radians(table: RawTable, words: list[str], of_column: str | None, what: str) -> float:
+    unit = (words or [of_column or ""])[-1]
+    if unit not in ANGLES_RAD:
+        raise RecordingError(table.path, f"mapping of {what}", "angles without a unit", "a unit: :deg or :rad")
+    return ANGLES_RAD[unit]
 
 
 def _from_directions(forward: FloatArray | None, left: FloatArray | None) -> FloatArray:
