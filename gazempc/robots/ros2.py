@@ -71,15 +71,11 @@ class Ros2Neck:
         if tuple(map(abs, joint_signs)) != (1,) * neck.joints:
             raise SettingsError(f"joint_signs {joint_signs!r}: accepted are 1 and -1 for each of {joints}")
         from_start_s = 0.5 * neck.servo_period_s if options.time_from_start_s is None else options.time_from_start_s
-        self._neck, self._clock_s, self._to_loop_s = neck, clock_s, to_loop_s
-        self._use_sim_time, self._silent_after_s = options.use_sim_time, options.silent_after_s
-        self._names = list(joint_names)
-        self._command_topic = topic_name(options.command_topic)
-        self._command_type = options.command_type
+        self._neck, self._clock_s, self._to_loop_s, self._options = neck, clock_s, to_loop_s, options
+        self._command_topic, self._state_topic = topic_name(options.command_topic), topic_name(options.state_topic)
         self._sends_speeds = options.command_values == "velocity"
         if self._sends_speeds and "MultiArray" not in options.command_type:
             raise SettingsError("command_values velocity: accepted with command_type std_msgs/msg/Float64MultiArray")
-        self._state_topic = topic_name(options.state_topic)
         self._signs = np.array(joint_signs, dtype=np.float64)
         self._from_start_ns = round(from_start_s * 1e9)
         self._connect_timeout_s = connect_timeout_s
@@ -89,8 +85,7 @@ class Ros2Neck:
         self._sent: deque[FloatArray] = deque(maxlen=max(3, round(ahead_s * neck.servo_rate_hz)))
         self._measured_rad: FloatArray | None = None
         self._trajectory: Any = None
-        self.ignored = 0
-        self.ignored_because = ""
+        self.ignored, self.ignored_because = 0, ""
         self._forget()
 
     def _forget(self) -> None:
@@ -112,8 +107,8 @@ class Ros2Neck:
         if self._node is not None:
             return
         try:
-            self._node = Ros2Node("gazempc", self._use_sim_time)
-            self._commands = self._node.publication(self._command_topic, self._command_type)
+            self._node = Ros2Node("gazempc", self._options.use_sim_time)
+            self._commands = self._node.publication(self._command_topic, self._options.command_type)
             if self._neck.reports_joints:
                 self._states = self._node.subscription(self._state_topic, _STATE_TYPE)
             self._wait_for_robot(self._node, self._commands)
@@ -130,11 +125,13 @@ class Ros2Neck:
             return None
         self._process()
         latest, self._latest = self._latest, None
-        if latest is None and self._clock_s() - self._heard_s > self._silent_after_s:
+        if latest is None and self._clock_s() - self._heard_s > self._options.silent_after_s:
             # The robot's clock may be set back after a restart.
             self._newest_s = -math.inf
             why = f"; the last one was refused: {self.ignored_because}" if self.ignored_because else ""
-            raise RobotError(f"no joint state on {self._state_topic} for more than {self._silent_after_s:g} s{why}")
+            raise RobotError(
+                f"no joint state on {self._state_topic} for more than {self._options.silent_after_s:g} s{why}"
+            )
         return latest
 
     def send_command(self, position_rad: FloatArray) -> FloatArray:
@@ -147,7 +144,7 @@ class Ros2Neck:
             self._lost_s, self._returning = min(self._lost_s, now_s), None
             raise RobotError(f"no subscriber of the commands on {self._command_topic}: has the controller stopped?")
         sent_rad: FloatArray = np.clip(position_rad, self._neck.position_min_rad, self._neck.position_max_rad)
-        if now_s - self._lost_s > self._silent_after_s and self._states is not None and not self._sends_speeds:
+        if now_s - self._lost_s > self._options.silent_after_s and self._states is not None and not self._sends_speeds:
             on_way_rad = self._return(sent_rad, now_s)
             if np.max(np.abs(on_way_rad - sent_rad)) > 1e-9:
                 self._publish(commands, on_way_rad)
@@ -167,7 +164,7 @@ class Ros2Neck:
         """The next position on the way from the measured joints to the command."""
         neck = self._neck
         if self._returning is None:
-            if self._measured_rad is None or now_s - self._heard_s > self._silent_after_s:
+            if self._measured_rad is None or now_s - self._heard_s > self._options.silent_after_s:
                 raise RobotError(f"{self._command_topic} has a subscriber again, {self._state_topic} no joint state")
             motion, limits = ruckig.InputParameter(neck.joints), neck.command_limits
             motion.current_position = limits.clip_position(self._measured_rad).tolist()
@@ -187,7 +184,7 @@ class Ros2Neck:
         if self._sends_speeds and self._commands is not None:
             # A speed controller holds the last speed.
             with contextlib.suppress(Ros2Error):
-                self._commands.publish(message_type(self._command_type)(data=[0.0] * self._signs.size))
+                self._commands.publish(message_type(self._options.command_type)(data=[0.0] * self._signs.size))
         if self._node is not None:
             self._node.close()
         self._forget()
@@ -200,7 +197,7 @@ class Ros2Neck:
                 return
             time.sleep(_WAKE_S)
         if not commands.has_listeners:
-            raise Ros2Error(node.why_no_match(self._command_topic, self._command_type, listeners=True))
+            raise Ros2Error(node.why_no_match(self._command_topic, self._options.command_type, listeners=True))
         if self.ignored_because:
             raise Ros2Error(f"no valid joint state on {self._state_topic}: {self.ignored_because}")
         raise Ros2Error(node.why_no_match(self._state_topic, _STATE_TYPE, listeners=False))
@@ -220,18 +217,17 @@ class Ros2Neck:
             try:
                 state = self._joints(message, now_s)
             except Ros2Error as error:
-                self.ignored += 1
-                self.ignored_because = str(error)
+                self.ignored, self.ignored_because = self.ignored + 1, str(error)
                 continue
             self._heard_s, self._newest_s, self._latest = now_s, state.time_s, state
             self._measured_rad = state.position_rad
 
     def _joints(self, message: Any, now_s: float) -> JointState:
         """The neck's joints of a message, which may contain others, in any order."""
-        missing = next((name for name in self._names if name not in message.name), None)
+        missing = next((name for name in self._options.joint_names if name not in message.name), None)
         if missing is not None:
             raise Ros2Error(f"it has no joint {missing!r}, only {', '.join(message.name) or 'none'}")
-        at = [message.name.index(name) for name in self._names]
+        at = [message.name.index(name) for name in self._options.joint_names]
         n_joints = len(message.name)
         if len(message.position) != n_joints:
             raise Ros2Error(f"it has {n_joints} names and {len(message.position)} positions")
@@ -253,14 +249,14 @@ class Ros2Neck:
         rate_hz = self._neck.servo_rate_hz
         velocity_rad_s = (position_rad - before) * rate_hz
         acceleration_rad_s2 = (position_rad - 2.0 * before + first) * rate_hz**2 * (len(self._sent) > 1)
-        if "MultiArray" in self._command_type:
+        if "MultiArray" in self._options.command_type:
             values = position_rad
             if self._sends_speeds:
                 drift_rad = 0.0 if self._measured_rad is None or not self._sent else self._sent[0] - self._measured_rad
                 most_rad_s = self._neck.velocity_max_rad_s
                 # A position loop with a time constant of 1 s acts against the drift of a velocity-controlled joint.
                 values = np.clip(velocity_rad_s + drift_rad / 1.0, -most_rad_s, most_rad_s)
-            return message_type(self._command_type)(data=(self._signs * values).tolist())
+            return message_type(self._options.command_type)(data=(self._signs * values).tolist())
         stop = stop_trajectory(position_rad, velocity_rad_s, acceleration_rad_s2, self._neck, self._neck.servo_period_s)
         later_s = [stop.duration * k / _STOP_POINTS for k in range(_STOP_POINTS + 1)]
         states = np.array([stop.at_time(each_s) for each_s in later_s])  # point, derivative, joint
@@ -272,7 +268,8 @@ class Ros2Neck:
             # clocks of the two computers.
             point = message_type("trajectory_msgs/msg/JointTrajectoryPoint")
             points = [point() for _ in range(_STOP_POINTS + 1)]
-            self._trajectory = message_type(self._command_type)(joint_names=self._names, points=points)
+            kind, names = message_type(self._options.command_type), list(self._options.joint_names)
+            self._trajectory = kind(joint_names=names, points=points)
         for point, each_s, state in zip(self._trajectory.points, later_s, states.tolist(), strict=True):
             point.positions, point.velocities, point.accelerations = state
             from_start = point.time_from_start

@@ -66,7 +66,6 @@ class ViscaLink:
         host: Address of the camera.
         port: Its UDP port.
         name: Host and port, for messages.
-        retries: Number of retransmissions.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -75,7 +74,6 @@ class ViscaLink:
         self._socket: socket.socket | None = None
         self._sequence = 0
         self._answered_s = _WAIT_MAX_S / 2.0
-        self.retries = 0
 
     def open(self) -> None:
         """Open the socket, and reset the sequence number.
@@ -136,7 +134,6 @@ class ViscaLink:
         reply = wire.CONTROL_REPLY if kind == wire.CONTROL else wire.REPLY
         why = "no reply"
         for attempt in range(attempts):
-            self.retries += attempt > 0
             started_s = time.monotonic()
             # Twice the usual reply time, increased after each loss.
             until_s = started_s + min(max(2.0 * self._answered_s, _WAIT_MIN_S) * (attempt + 1), _WAIT_MAX_S)

@@ -13,9 +13,8 @@ from builders.robots import with_both
 from builders.waiting import wait_for
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.robots.options import ViscaOptions
-from gazempc.robots.ptz_emulator import picture_url
+from gazempc.robots.ptz_emulator import ViscaServer, picture_url
 from gazempc.robots.visca import ViscaCamera
-from gazempc.robots.visca_server import ViscaServer
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, JointState
 

@@ -147,10 +147,9 @@ def test_a_lost_packet_is_resent_with_its_sequence_number_and_executed_once() ->
         with link_through(network) as link:
             for step in (1, 2, 3):
                 link.command(drive_payload(step, 0))
-            assert link.retries >= 2
         sent = [unpack(packet) for packet in network.seen[True]]
         numbers = [found[1] for found in sent if found[0] == COMMAND]
-        assert len(numbers) > len(set(numbers))
+        assert len(numbers) >= len(set(numbers)) + 2
         answers = BadNetwork(server.address, to_robot=lambda k, packet: [packet] if k % 3 == 2 else [])
         with link_through(answers) as link:
             link.command(drive_payload(4, 0))
