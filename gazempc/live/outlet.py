@@ -28,23 +28,19 @@ _LAST_SENT_S = 2.0
 _TIMES = ("time_s", "since_s", "stays_until_s", "away_since_s", "away_until_s")
 
 # Context manager whose value sends one line, without line end; may raise any exception.
-Sink = AbstractContextManager[Callable[[str], None]]
+Sink = AbstractContextManager[Callable[[str], object]]
 
 
 @contextmanager
-def _udp(host: str, port: int) -> Iterator[Callable[[str], None]]:
+def _udp(host: str, port: int) -> Iterator[Callable[[str], object]]:
     """A datagram a line; a missing receiver is not an error."""
     family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     with socket.socket(family, socket.SOCK_DGRAM) as opened:
-
-        def send(line: str) -> None:
-            opened.sendto(line.encode() + b"\n", address)
-
-        yield send
+        yield lambda line: opened.sendto(line.encode() + b"\n", address)
 
 
 @contextmanager
-def _ros2(topic: str) -> Iterator[Callable[[str], None]]:
+def _ros2(topic: str) -> Iterator[Callable[[str], object]]:
     """A ``std_msgs/msg/String`` a line; a later subscriber gets the last one (transient local)."""
     with closing(Ros2Node("gazempc_attention")) as node:
         publication, text = node.publication(topic, _TEXT, latched=True), message_type(_TEXT)
@@ -52,7 +48,7 @@ def _ros2(topic: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _file(path: Path) -> Iterator[Callable[[str], None]]:
+def _file(path: Path) -> Iterator[Callable[[str], object]]:
     """Lines of a file, which is truncated first."""
     with path.open("w", encoding="utf-8") as file:
         yield lambda line: print(line, file=file, flush=True)
@@ -136,7 +132,7 @@ class AttentionOutlet:
             self._queue.put(json.dumps(fields))
         return [self._failed.popleft() for _ in range(len(self._failed))]
 
-    def _work(self, send: Callable[[str], None]) -> None:
+    def _work(self, send: Callable[[str], object]) -> None:
         while (line := self._queue.get()) is not None:
             try:
                 send(line)

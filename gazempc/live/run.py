@@ -25,7 +25,6 @@ from gazempc.loop.pointing import Pointing
 from gazempc.loop.smoother import Smoother
 from gazempc.loop.track import PersonTrack
 from gazempc.loop.trial import warm_up
-from gazempc.neck.spec import NeckSpec
 from gazempc.parts import error_line
 from gazempc.people.attention import AttentionState
 from gazempc.results.moments import LateMoment, Moment, StatusMoment
@@ -169,7 +168,11 @@ class LiveRun:
         slow_calls(threading.get_ident())  # of an earlier run
         index, stopping_at = 0, None
         failure: BaseException | None = None
-        stopping_s = max(_STOPPING_S, 2.0 * _ramp_s(self._neck))
+        limits = self._neck.command_limits
+        # Time to brake from full speed.
+        ramp_s = limits.velocity_max_rad_s / limits.acceleration_max_rad_s2
+        ramp_s += limits.acceleration_max_rad_s2 / limits.jerk_max_rad_s3
+        stopping_s = max(_STOPPING_S, 2.0 * float(np.max(ramp_s)))
         while True:
             due_s = start_s + index * self._neck.servo_period_s
             self._clock.sleep_until_s(due_s)
@@ -311,11 +314,3 @@ def _open(what: str, call: Callable[[], None], refusal: type[GazempcError]) -> N
         raise
     except BaseException as error:
         raise refusal(f"{what} raised {error_line(error)}") from error
-
-
-def _ramp_s(neck: NeckSpec) -> float:
-    """Time to brake from full speed, seconds."""
-    limits = neck.command_limits
-    ramp_s = limits.velocity_max_rad_s / limits.acceleration_max_rad_s2
-    ramp_s += limits.acceleration_max_rad_s2 / limits.jerk_max_rad_s3
-    return float(np.max(ramp_s))

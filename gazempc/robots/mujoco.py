@@ -74,13 +74,8 @@ class MujocoNeck:
         return neck_mjcf(self._neck)
 
     @property
-    def model(self) -> Any:
-        """The ``mujoco.MjModel`` of the simulation, for viewers and renderers; RobotError if not connected."""
-        return self.data.model
-
-    @property
     def data(self) -> Any:
-        """The ``mujoco.MjData`` of the simulation, for viewers (read-only); RobotError if not connected."""
+        """The ``mujoco.MjData`` of the simulation with its ``model``, for viewers; RobotError if not connected."""
         if self._data is None:
             raise RobotError("the MuJoCo neck is not connected: call connect() first")
         return self._data

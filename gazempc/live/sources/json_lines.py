@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from gazempc.errors import shown, suggest
 from gazempc.people.company import Cue, Glance, Rhythm, Sound, Speech, Thinking
@@ -105,7 +105,7 @@ class _Speech(_Fields):
 
 class _Glance(_Fields):
     cue: Literal["glance"]
-    target_base_m: _Vector
+    target_base_m: Annotated[_Vector, AfterValidator(np.array)]
     lasts_s: float
 
 
@@ -116,6 +116,7 @@ class _Rhythm(_Fields):
 
 _Cue = Annotated[_Sound | _Thinking | _Speech | _Glance | _Rhythm, Field(discriminator="cue")]
 _CUE: TypeAdapter[_Cue] = TypeAdapter(_Cue)
+_MADE: dict[str, Any] = {"thinking": Thinking, "speech": Speech, "glance": Glance, "rhythm": Rhythm}
 
 
 def is_cue(text: str) -> bool:
@@ -143,14 +144,6 @@ def parse_cue(text: str, arrival_s: float) -> Cue:
         line = _CUE.validate_json(text)
     except ValidationError as error:
         raise LineError(_complaint(error, ())) from None
-    match line:
-        case _Sound():
-            return Sound(arrival_s, line.azimuth_rad)
-        case _Thinking():
-            return Thinking(line.lasts_s)
-        case _Speech():
-            return Speech(line.in_s)
-        case _Glance():
-            return Glance(np.array(line.target_base_m), line.lasts_s)
-        case _:
-            return Rhythm(line.mode)
+    name, *values = vars(line).values()
+    made: Cue = _MADE[name](*values) if name != "sound" else Sound(arrival_s, *values)
+    return made

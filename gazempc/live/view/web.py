@@ -10,8 +10,8 @@ from collections import deque
 from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from importlib.resources import files
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -177,12 +177,7 @@ def _ellipse(covariance_m2: FloatArray) -> list[float] | None:
     return [long_m, short_m, math.atan2(axes[1, 1], axes[0, 1])]
 
 
-_STATIC = {
-    "/": ("page.html", "text/html; charset=utf-8"),
-    "/page.css": ("page.css", "text/css; charset=utf-8"),
-    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
-    "/charts.js": ("charts.js", "text/javascript; charset=utf-8"),
-}
+_PAGE = Path(__file__).with_name("page")
 # No content from other hosts, and no embedding in other pages. The icon is empty.
 _POLICY = "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'"
 
@@ -237,13 +232,15 @@ class WebPage:
         self._server.server_close()
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(SimpleHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     timeout = 30.0
 
     def __init__(self, page: WebPage, *connection: Any) -> None:
         self._page = page
-        super().__init__(*connection)
+        # Not the types of the system, where scripts may be plain text.
+        self.extensions_map = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", "": "text/plain"}
+        super().__init__(*connection, directory=str(_PAGE))
 
     def do_GET(self) -> None:
         page, path = self._page, self.path.partition("?")[0]
@@ -253,24 +250,14 @@ class _Handler(BaseHTTPRequestHandler):
         elif path == "/state":
             self._stream(page)
         elif path == "/picture.jpg" and (picture := page.snapshots.picture):
-            self._answer(picture, "image/jpeg")
-        elif path in _STATIC:
-            name, kind = _STATIC[path]
-            self._answer(files(__package__).joinpath("page", name).read_bytes(), kind)
+            self._begin("image/jpeg", "Content-Length", str(len(picture)))
+            self.wfile.write(picture)
         else:
-            self.send_error(HTTPStatus.NOT_FOUND)
-
-    def _answer(self, content: bytes, kind: str) -> None:
-        self._begin(kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
+            super().do_GET()
 
     def _stream(self, page: WebPage) -> None:
         self.close_connection = True
-        self._begin("text/event-stream")
-        self.send_header("Connection", "close")
-        self.end_headers()
+        self._begin("text/event-stream", "Connection", "close")
         with suppress(OSError):  # the page was closed
             # A page reconnects half a second after a loss.
             self._event("hello", page.snapshots.hello(), "retry: 500\n")
@@ -290,12 +277,18 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(f"{before}event: {name}\ndata: {text}\n\n".encode())
         self.wfile.flush()
 
-    def _begin(self, kind: str) -> None:
+    def _begin(self, kind: str, name: str, value: str) -> None:
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", kind)
+        self.send_header(name, value)
+        self.end_headers()
+
+    def end_headers(self) -> None:
+        """Add the headers of every answer."""
         self.send_header("Cache-Control", "no-store")
         self.send_header("Content-Security-Policy", _POLICY)
         self.send_header("X-Content-Type-Options", "nosniff")
+        super().end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:
         """Suppress the log of requests."""

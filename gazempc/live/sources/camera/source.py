@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,8 +42,7 @@ class FaceRate:
 
     def __init__(self) -> None:
         self._pictures: deque[tuple[float, bool, float]] = deque()
-        self._warned = False
-        self._first_s: float | None = None
+        self._due_s: float | None = None
 
     def judge(self, captured_s: float, found: bool, search_s: float) -> str:
         """Add a picture.
@@ -55,15 +55,15 @@ class FaceRate:
         Returns:
             Cause of a rate below six faces a second; empty at a higher rate, and after the first report.
         """
-        self._first_s = captured_s if self._first_s is None else self._first_s
+        self._due_s = captured_s + _WINDOW_S if self._due_s is None else self._due_s
         self._pictures.append((captured_s, found, search_s))
         while self._pictures[0][0] < captured_s - _WINDOW_S:
             self._pictures.popleft()
         times_s, faces, searches_s = (np.array(column) for column in zip(*self._pictures, strict=True))
-        enough = captured_s - self._first_s >= _WINDOW_S and times_s.size >= _LEAST_PICTURES
-        if self._warned or not enough or faces.sum() < _LEAST_FACES or not is_low_rate(times_s[faces]):
+        enough = captured_s >= self._due_s and times_s.size >= _LEAST_PICTURES and faces.sum() >= _LEAST_FACES
+        if not enough or not is_low_rate(times_s[faces]):
             return ""
-        self._warned = True
+        self._due_s = math.inf
         rate_hz, search_s = 1.0 / float(np.median(np.diff(times_s))), float(np.median(searches_s))
         below = f"below {LOW_RATE_HZ:.0f} faces a second the gaze trails a walking person"
         if not is_low_rate(times_s):
@@ -96,8 +96,7 @@ def _small(cv2: Any, rgb: Any) -> bytes:
     return bytes(jpeg)
 
 
-@dataclass(frozen=True)
-class Opened:
+class Opened(NamedTuple):
     """Message after the first picture.
 
     Attributes:
@@ -109,8 +108,7 @@ class Opened:
     half_view_rad: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Failed:
+class Failed(NamedTuple):
     """Last message.
 
     Attributes:
@@ -184,13 +182,12 @@ def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, 
     about = f"{width} x {height} pixels, "
     if options.calibration is not None:
         return from_calibration(options.calibration, width, height), f"{about}calibrated by {options.calibration}"
-    intrinsics = from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height)
-    if options.fov_deg is not None:
-        return intrinsics, f"{about}{options.fov_deg:g} degrees across"
-    return intrinsics, (
-        f"{about}{LIKELY_FOV_DEG:g} degrees across ASSUMED: its error scales directions and distances; "
-        "set --camera.fov-deg, or give --camera.calibration"
-    )
+    about += f"{options.fov_deg or LIKELY_FOV_DEG:g} degrees across"
+    if options.fov_deg is None:
+        about += (
+            " ASSUMED: its error scales directions and distances; set --camera.fov-deg, or give --camera.calibration"
+        )
+    return from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height), about
 
 
 # Timeout of the first picture: cameras start in some seconds, the process more slowly on a busy or small computer.
