@@ -26,8 +26,7 @@ from numpy.typing import ArrayLike
 from benchmarks.faults.machine import GapMs
 from benchmarks.faults.tracker import TCP_FAULTS, head_m
 from benchmarks.faults.wrongs import FAMILIES, ISOLATED, hold_lock
-from gazempc.live.isolated import IsolatedPredictor
-from gazempc.live.process import fast_switching, without_collection
+from gazempc.live.process import IsolatedPredictor, fast_switching, without_collection
 from gazempc.live.run import LiveRun
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import LiveSetup, build

@@ -198,6 +198,9 @@ def _drift(times_s: np.ndarray, lows_s: np.ndarray) -> float:
     """Slope of the line through the minima of the intervals; 0 if insignificant."""
     if times_s.size <= _DRIFT_PIECES:
         return 0.0
-    (slope, _), covariance = np.polyfit(times_s, lows_s, 1, cov=True)
-    error = max(covariance[0, 0] ** 0.5, _SOONEST_ERROR_S / times_s.size**0.5 / times_s.std())
-    return float(slope) if abs(slope) > max(_DRIFT_LEAST, _DRIFT_ERRORS * error) else 0.0
+    times_s = times_s - times_s.mean()
+    spread = float(times_s @ times_s)
+    slope = float(times_s @ lows_s) / spread
+    left_s = lows_s - lows_s.mean() - slope * times_s
+    error_s = max(float(np.sqrt(left_s @ left_s / (times_s.size - 2))), _SOONEST_ERROR_S)
+    return slope if abs(slope) > max(_DRIFT_LEAST, _DRIFT_ERRORS * error_s / spread**0.5) else 0.0

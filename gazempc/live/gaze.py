@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import warnings
-from contextlib import ExitStack, closing
+from contextlib import closing
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Unpack
@@ -83,7 +83,6 @@ class Gaze:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._failure: BaseException | None = None
-        self._process = ExitStack()
         self._warned = 0
 
     def __enter__(self) -> Gaze:
@@ -103,7 +102,6 @@ class Gaze:
         thread = threading.Thread(target=self._work, args=(run,), name="servo")
         try:
             run.start(self._stop)
-            self._process.enter_context(fast_switching())
             thread.start()
         except BaseException:
             self._stop.set()
@@ -111,7 +109,6 @@ class Gaze:
                 thread.join()
             else:
                 run.close()
-            self._process.close()
             raise
         self._thread = thread
         return self
@@ -132,8 +129,6 @@ class Gaze:
                 # After a further Ctrl-C, still wait for the braking, which takes a fraction of a second.
                 self._thread.join()
                 raise
-            finally:
-                self._process.close()
         failure = self._failure
         if failure is not None and failure is not error:
             if error is None:
@@ -333,7 +328,7 @@ class Gaze:
 
     def _work(self, run: LiveRun) -> None:
         try:
-            with closing(run):
+            with fast_switching(), closing(run):
                 run.serve(self._stop)
             run.logs.check()
         except BaseException as error:

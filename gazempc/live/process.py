@@ -1,4 +1,4 @@
-"""Process set-up of a live run: signals, real-time priority, thread switching, asynchronous warnings."""
+"""Process set-up of a live run: signals, priorities, thread switching, warnings; a predictor in a child process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,12 @@ from logging.handlers import QueueHandler, QueueListener
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # the process begins with this module, before slow imports
+    from numpy.typing import ArrayLike
+
+    from predictors import Forecast, HeadObservation, Predictor
 
 # Switch interval of threads: bounds the delay of a tick by other threads.
 _SWITCH_S = 0.0005
@@ -160,6 +165,55 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(0)
+
+
+class IsolatedPredictor:
+    """Proxy of a predictor in another process; waits for replies without the lock.
+
+    Args:
+        make: Factory of the predictor; can be pickled.
+
+    Attributes:
+        rejections_in_a_row: The predictor's attribute after the last call.
+    """
+
+    def __init__(self, make: Callable[[], Predictor]) -> None:
+        self.rejections_in_a_row = 0
+        # The process ends with this one, or when this end of the pipe is closed.
+        _, self._line = start_child("predictor", _serve, make)
+        self.reset()
+
+    def _ask(self, method: str, *args: Any) -> Any:
+        self._line.send((method, args))
+        answer, self.rejections_in_a_row = self._line.recv()
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    def reset(self) -> None:
+        """See `predictors.predictor.Predictor.reset`."""
+        self._ask("reset")
+
+    def update(self, observation: HeadObservation) -> None:
+        """See `predictors.predictor.Predictor.update`."""
+        self._ask("update", observation)
+
+    def forecast(self, times_s: ArrayLike) -> Forecast:
+        """See `predictors.predictor.Predictor.forecast`."""
+        found: Forecast = self._ask("forecast", times_s)
+        return found
+
+
+def _serve(line: Connection, make: Callable[[], Predictor]) -> None:
+    predictor = make()
+    with contextlib.suppress(EOFError):  # the run has ended
+        while True:
+            method, args = line.recv()
+            try:
+                answer = getattr(predictor, method)(*args)
+            except BaseException as error:  # also of sys.exit
+                answer = error
+            line.send((answer, getattr(predictor, "rejections_in_a_row", 0)))
 
 
 _LOGGERS = ("gazempc.live", "gazempc.loop")

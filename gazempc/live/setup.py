@@ -14,8 +14,8 @@ from pydantic import Field, ValidationError
 from gazempc.controllers.controller import Controller
 from gazempc.errors import SettingsError
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
-from gazempc.live.isolated import IsolatedPredictor
 from gazempc.live.mount import Mount
+from gazempc.live.process import IsolatedPredictor
 from gazempc.live.robots import MonotonicRobot, make_robot
 from gazempc.live.settings import STAMPED, LiveSettings, MountedSettings
 from gazempc.live.sources.camera.capture import CAMERA

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, ConfigDict, Field
 
 from gazempc.parts import ROBOT, check_choice
-from gazempc.ros2.messages import PoseType, SoundType
+from gazempc.ros2.messages import PoseType
 from gazempc.settings import Settings, on_command_line
 
 # A shipped name, or module:Class for a user-defined robot.
@@ -66,9 +66,9 @@ class Ros2Options(Settings):
         default=None, description="Topic of points (geometry_msgs/msg/PointStamped) to glance at; needs base_frame"
     )
     point_lasts_s: float = Field(default=1.0, gt=0, description="Duration of a glance at a point")
-    sound_topic: str | None = Field(default=None, description="Topic of directions of speech, for --attend speaker")
-    sound_type: SoundType = Field(
-        default="std_msgs/msg/Int32", description="Whole degrees; std_msgs/msg/Float32 for radians; left is positive"
+    sound_topic: str | None = Field(
+        default=None,
+        description="Topic of directions of speech (std_msgs/msg/Int32, degrees to the left), for --attend speaker",
     )
     sound_frame: str | None = Field(
         default=None, description="tf frame of the directions of speech; default: the base frame of the neck"

@@ -142,24 +142,18 @@ class ViscaLink:
                 answer = self._answer(until_s, reply)
             except OSError as error:
                 answer, why = None, str(error)
-            if answer is None:
-                time.sleep(max(until_s - time.monotonic(), 0.0))
-                continue
-            self._answered_s += 0.25 * (time.monotonic() - started_s - self._answered_s)
-            if answer == wire.SEQUENCE_ERROR:
-                if attempt == 0 and kind != wire.CONTROL:
-                    # Sequence error, such as after a power cycle.
+            if answer is not None:
+                self._answered_s += 0.25 * (time.monotonic() - started_s - self._answered_s)
+                if answer == wire.SEQUENCE_ERROR and attempt == 0 and kind != wire.CONTROL:
+                    # Sequence error, such as after a power cycle; of a later attempt only the reply was lost.
                     self.reset()
                     return self._exchange(kind, payload, 1)
-                # The packet was executed before; only its reply was lost.
-                return answer
-            if len(answer) > 2 and answer[1] & 0xF0 == 0x60:
+                if len(answer) <= 2 or answer[1] & 0xF0 != 0x60:
+                    return answer
                 why = f"replied {_ERRORS.get(answer[2], f'error {answer[2]:#04x}')}"
-                if answer[2] == 0x03:
-                    time.sleep(max(until_s - time.monotonic(), 0.0))
-                    continue
-                raise RobotError(f"{self.name} {why}")
-            return answer
+                if answer[2] != 0x03:
+                    raise RobotError(f"{self.name} {why}")
+            time.sleep(max(until_s - time.monotonic(), 0.0))
         raise RobotError(f"{self.name}: {why} in {attempts} attempts; check its address, and that VISCA over IP is on")
 
     def _answer(self, until_s: float, reply: int) -> bytes | None:

@@ -16,8 +16,6 @@ PoseType = Literal[
     "geometry_msgs/msg/PoseArray",
     "vision_msgs/msg/Detection3DArray",
 ]
-# Message types of sound directions: whole degrees, as of respeaker_ros, or radians.
-SoundType = Literal["std_msgs/msg/Int32", "std_msgs/msg/Float32"]
 _TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 

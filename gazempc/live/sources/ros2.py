@@ -80,26 +80,21 @@ class Ros2Source(ABC):
         """As `_used`, for new and pending messages; a message in a frame unknown to tf remains pending."""
         waiting = [*self._waiting, *((message, self._now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
         self._waiting = []
+        return [found for message, until_s in waiting for found in self._used([message], take, named(message), until_s)]
 
-        def placed(each: tuple[Any, float]) -> _T | None:
-            try:
-                return take(each[0])
-            except FrameError:
-                if self._now_s >= each[1]:
-                    raise
-                self._waiting.append(each)
-                return None
-
-        return [found for each in waiting for found in self._used([each], placed, named(each[0]))]
-
-    def _used(self, messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str) -> list[_T]:
-        """Results of messages that can be used; the others are problems with the topic's name."""
+    def _used(
+        self, messages: Iterable[Any], take: Callable[[Any], _T | None], topic: str, until_s: float = -math.inf
+    ) -> list[_T]:
+        """Results of messages that can be used; the others are problems, or wait until a time for a frame of tf."""
         found: list[_T] = []
         for message in messages:
             try:
                 result = take(message)
             except ValueError as error:
-                self._problems.append(f"{topic}: {error}")
+                if isinstance(error, FrameError) and self._now_s < until_s:
+                    self._waiting.append((message, until_s))
+                else:
+                    self._problems.append(f"{topic}: {error}")
             else:
                 found += [] if result is None else [result]
         return found

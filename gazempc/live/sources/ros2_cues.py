@@ -19,11 +19,12 @@ from gazempc.ros2.messages import Ros2Error, stamp_s, topic_name
 from gazempc.ros2.node import Ros2Node, Subscription
 from gazempc.types import FloatArray, Sighting
 
-_POINT = "geometry_msgs/msg/PointStamped"
+# A sound is its direction in whole degrees, as of respeaker_ros.
+_POINT, _SOUND = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Int32"
 # Deduplication of points: time and distance within which a repeated point causes no new glance.
 _SAME_S, _SAME_M = 2.0, 0.3
 # Maximum direction, a whole turn; larger values are in another unit.
-_TURN_RAD = 2.0 * math.pi
+_TURN_DEG = 360
 # Minimum distance of a gaze target: outside of the neck itself.
 _NEAREST_M = 0.05
 
@@ -47,7 +48,7 @@ class Ros2Cues(Ros2Source):
         self._pointed_s, self._pointed_m = -math.inf, np.full(3, np.inf)
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
-        kinds = {self._point_topic: _POINT, self._sound_topic: self._options.sound_type}
+        kinds = {self._point_topic: _POINT, self._sound_topic: _SOUND}
         topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
         self._topics = topics.get(self._point_topic), topics.get(self._sound_topic)
         return topics
@@ -58,11 +59,9 @@ class Ros2Cues(Ros2Source):
         return (), [*heard, *self._placed(points, self._glance, lambda _: self._point_topic)]
 
     def _sound(self, message: Any) -> Sound:
-        in_degrees = self._options.sound_type == "std_msgs/msg/Int32"
-        azimuth_rad = math.radians(message.data) if in_degrees else float(message.data)
-        if not abs(azimuth_rad) <= _TURN_RAD:
-            wanted = "degrees, at most 360" if in_degrees else "radians, at most a whole turn"
-            raise Ros2Error(f"a direction of sound is {message.data}: expected {wanted}, positive to the left")
+        if abs(message.data) > _TURN_DEG:
+            raise Ros2Error(f"a direction of sound is {message.data}: expected degrees to the left, at most 360")
+        azimuth_rad = math.radians(message.data)
         if self._options.sound_frame is None or self._options.base_frame is None:
             return Sound(self._now_s, azimuth_rad)
         pose = self._transforms.pose(self._options.sound_frame, self._options.base_frame)

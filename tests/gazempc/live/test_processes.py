@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from builders.faults import Exits
 
-from gazempc.live.isolated import IsolatedPredictor
-from gazempc.live.process import real_time_priority
+from gazempc.live.process import IsolatedPredictor, real_time_priority
 from predictors import ConstantVelocity, HeadObservation, OutOfOrderError
 
 

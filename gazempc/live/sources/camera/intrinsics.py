@@ -6,7 +6,6 @@ import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -122,7 +121,10 @@ def _values(path: Path) -> dict[str, FloatArray]:
         raise SettingsError(f"--camera.calibration {path}: there is no such file")
     matrices = (*_MATRIX_NAMES, *_DISTORTION_NAMES)
     names = (*matrices, *itertools.chain(*_SIZE_NAMES))
-    if plain := _plain_yaml(path):
+    text = read_settings(path) if path.suffix in (".yaml", ".yml") else ""
+    is_opencv = text.startswith("%YAML:1.0") or "!!opencv-matrix" in text
+    plain = {} if is_opencv or not text else parse_yaml(text, f"--camera.calibration {path}")
+    if plain and isinstance(plain, dict):
         found = {name: plain[name] for name in names if name in plain}
         found = {name: value.get("data") if isinstance(value, dict) else value for name, value in found.items()}
         try:
@@ -143,14 +145,3 @@ def _values(path: Path) -> dict[str, FloatArray]:
 
 def _is_numbers(value: object) -> bool:
     return isinstance(value, int | float) or (isinstance(value, list) and bool(value))
-
-
-def _plain_yaml(path: Path) -> dict[str, Any]:
-    """Parse a YAML file of ROS; empty for one of OpenCV."""
-    if path.suffix not in (".yaml", ".yml"):
-        return {}
-    text = read_settings(path)
-    if text.startswith("%YAML:1.0") or "!!opencv-matrix" in text:
-        return {}
-    values = parse_yaml(text, f"--camera.calibration {path}")
-    return values if isinstance(values, dict) else {}
