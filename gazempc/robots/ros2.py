@@ -111,7 +111,7 @@ class Ros2Neck:
             self._commands = self._node.publication(self._command_topic, self._options.command_type)
             if self._neck.reports_joints:
                 self._states = self._node.subscription(self._state_topic, _STATE_TYPE)
-            self._wait_for_robot(self._node, self._commands)
+            self._wait_for_robot(self._commands)
         except BaseException as error:
             self.close()
             if isinstance(error, Ros2Error):
@@ -189,18 +189,18 @@ class Ros2Neck:
             self._node.close()
         self._forget()
 
-    def _wait_for_robot(self, node: Ros2Node, commands: Publication) -> None:
+    def _wait_for_robot(self, commands: Publication) -> None:
         until_s = time.monotonic() + self._connect_timeout_s
         while time.monotonic() < until_s:
             self._process()
             if commands.has_listeners and (self._states is None or self._latest is not None):
                 return
             time.sleep(_WAKE_S)
-        if not commands.has_listeners:
-            raise Ros2Error(node.why_no_match(self._command_topic, self._options.command_type, listeners=True))
-        if self.ignored_because:
+        found = commands.has_listeners
+        if found and self.ignored_because:
             raise Ros2Error(f"no valid joint state on {self._state_topic}: {self.ignored_because}")
-        raise Ros2Error(node.why_no_match(self._state_topic, _STATE_TYPE, listeners=False))
+        missing = f"sends on {self._states.described}" if found and self._states else f"listens to {commands.described}"
+        raise Ros2Error(f"no node {missing}: is it active, in this domain (ROS_DOMAIN_ID)?")
 
     def _connected(self) -> Publication:
         if self._node is None or self._commands is None:

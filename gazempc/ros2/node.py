@@ -6,7 +6,7 @@ import contextlib
 import importlib
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from itertools import islice
 from typing import Any
@@ -57,17 +57,51 @@ def ros_errors() -> Iterator[None]:
         raise Ros2Error(f"rclpy: {error}") from None
 
 
-class Publication:
-    """A publisher; made by `Ros2Node`."""
+class _End:
+    """One end of a topic, and the reasons why others do not match it.
 
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
+    Args:
+        made: The publisher or subscription of rclpy.
+        ask: Returns the other ends of a topic.
+        topic: Full name of the topic.
+        type_name: Type of its messages.
+    """
+
+    def __init__(self, made: Any, ask: Callable[[str], Iterable[Any]], topic: str, type_name: str) -> None:
+        self.made, self._ask, self._topic, self.type_name = made, ask, topic, type_name
+
+    @property
+    def described(self) -> str:
+        """Topic and type, and reasons of incompatible other ends."""
+        unfit = sorted({why for other in self._others() if (why := self._why(other))})
+        return f"{self._topic} as {self.type_name}" + (f", but others {' and '.join(unfit)}" if unfit else "")
+
+    def _others(self) -> list[Any]:
+        with contextlib.suppress(Exception):
+            return list(self._ask(self._topic))
+        return []
+
+    def _why(self, other: Any) -> str:
+        """Incompatibility of another end; empty if it is compatible."""
+        from rclpy.qos import QoSCompatibility, qos_check_compatible  # noqa: PLC0415
+
+        if other.topic_type != self.type_name:
+            return f"have the type {other.topic_type}"
+        pair = other.qos_profile, self.made.qos_profile  # publisher and subscription
+        verdict, reason = qos_check_compatible(*(pair if isinstance(self, Subscription) else reversed(pair)))
+        if verdict != QoSCompatibility.ERROR:
+            return ""
+        return f"have an incompatible quality of service ({reason.removeprefix('ERROR: ').rstrip('; ')})"
+
+
+class Publication(_End):
+    """A publisher; made by `Ros2Node`."""
 
     @property
     def has_listeners(self) -> bool:
         """Whether there is a subscription of this type with a compatible quality of service."""
         with ros_errors():
-            return bool(self._publisher.get_subscription_count())
+            return bool(self.made.get_subscription_count())
 
     def publish(self, message: Any) -> None:
         """Send a message; does not wait for its delivery.
@@ -76,19 +110,16 @@ class Publication:
             Ros2Error: If it cannot be sent.
         """
         with ros_errors():
-            self._publisher.publish(message)
+            self.made.publish(message)
 
 
-class Subscription:
+class Subscription(_End):
     """A polled subscription; made by `Ros2Node`.
 
     Attributes:
         made: The subscription of rclpy.
         type_name: Type of its messages.
     """
-
-    def __init__(self, node: Any, subscription: Any, topic: str, type_name: str) -> None:
-        self._node, self.made, self._topic, self.type_name = node, subscription, topic, type_name
 
     def take(self) -> list[Any]:
         """Messages since the last call, oldest first.
@@ -104,33 +135,8 @@ class Subscription:
     @property
     def senders(self) -> tuple[str, ...]:
         """Full names of the nodes that send messages of this type with a compatible quality of service."""
-        return tuple(f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in self._ends() if not self._why(end))
-
-    @property
-    def described(self) -> str:
-        """The type, and reasons of incompatible senders on this topic."""
-        unfit = sorted({why for end in self._ends() if (why := self._why(end))})
-        return self.type_name + (f", but others {' and '.join(unfit)}" if unfit else "")
-
-    def _ends(self) -> list[Any]:
-        with contextlib.suppress(Exception):
-            return list(self._node.get_publishers_info_by_topic(self._topic))
-        return []
-
-    def _why(self, end: Any) -> str:
-        if end.topic_type != self.type_name:
-            return f"send {end.topic_type}"
-        return quality_mismatch(end.qos_profile, self.made.qos_profile)
-
-
-def quality_mismatch(sender: Any, listener: Any) -> str:
-    """Incompatibility of the quality of service of publisher and subscription; empty if they are compatible."""
-    from rclpy.qos import QoSCompatibility, qos_check_compatible  # noqa: PLC0415
-
-    verdict, reason = qos_check_compatible(sender, listener)
-    if verdict != QoSCompatibility.ERROR:
-        return ""
-    return f"have an incompatible quality of service ({reason.removeprefix('ERROR: ').rstrip('; ')})"
+        fit = (end for end in self._others() if not self._why(end))
+        return tuple(f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in fit)
 
 
 class _Context:
@@ -221,10 +227,11 @@ class Ros2Node:
             type_name: Such as ``std_msgs/msg/String``.
             latched: Keep the last message for later subscribers (transient local).
         """
-        kind = message_type(type_name)
+        kind, full = message_type(type_name), topic_name(topic)
         with ros_errors():
             # A late command is useless: only the newest is kept.
-            return Publication(self._node.create_publisher(kind, topic_name(topic), _quality(1, latched, True)))
+            made = self._node.create_publisher(kind, full, _quality(1, latched, True))
+        return Publication(made, self._node.get_subscriptions_info_by_topic, full, type_name)
 
     def subscription(self, topic: str, type_name: str, latched: bool = False) -> Subscription:
         """Create a subscription.
@@ -238,32 +245,12 @@ class Ros2Node:
         with ros_errors():
             # The callback of a polled subscription is never called.
             made = self._node.create_subscription(kind, full, lambda _: None, _quality(WAITING_MAX, latched, latched))
-        return Subscription(self._node, made, full, type_name)
+        return Subscription(made, self._node.get_publishers_info_by_topic, full, type_name)
 
     def forget(self, subscription: Subscription) -> None:
         """End a subscription."""
         with contextlib.suppress(Exception):
             self._node.destroy_subscription(subscription.made)
-
-    def why_no_match(self, topic: str, type_name: str, listeners: bool) -> str:
-        """Reason for the missing other end of a topic.
-
-        Args:
-            topic: Full name of the topic.
-            type_name: Type of the messages here.
-            listeners: Whether subscribers are missing; else publishers.
-        """
-        does = "listens to" if listeners else "sends on"
-        ask = self._node.get_subscriptions_info_by_topic if listeners else self._node.get_publishers_info_by_topic
-        others: set[str] = set()
-        with contextlib.suppress(Exception):
-            for end in ask(topic):
-                if end.topic_type != type_name:
-                    others.add(f"{end.node_name} with {end.topic_type}")
-                elif listeners and (why := quality_mismatch(_quality(1, False, True), end.qos_profile)):
-                    others.add(f"{end.node_name}, listeners {why}")
-        found = f", but there is {'; '.join(sorted(others))}" if others else ""
-        return f"no node {does} {topic} as {type_name}{found}: is it active, in this domain (ROS_DOMAIN_ID)?"
 
     def close(self) -> None:
         """Destroy the node; never raises."""

@@ -112,7 +112,7 @@ class _Subscription:
     @property
     def described(self):
         others = sorted({kind for _, kind in self.stage.senders[self.topic] if kind != self.type_name})
-        return self.type_name + (f", but others send {' and '.join(others)}" if others else "")
+        return f"{self.topic} as {self.type_name}" + (f", but others send {' and '.join(others)}" if others else "")
 
 
 class _Node:

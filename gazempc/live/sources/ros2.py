@@ -168,7 +168,7 @@ class Ros2Source(ABC):
         self._silent, self._several = silent, several
         notices: list[Notice] = []
         if newly:
-            text = ", ".join(f"{name} as {self._watched[name].described}" for name in newly)
+            text = ", ".join(self._watched[name].described for name in newly)
             notices.append(Notice(Event.NO_SENDER, f"no node sends on {text}: is it active, in this domain?", 0))
         if twice:
             text = ", ".join(f"{name} ({' and '.join(sorted(senders[name]))})" for name in twice)

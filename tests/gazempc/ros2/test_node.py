@@ -70,7 +70,7 @@ def connected(made, driver, **fields):
 
     def talk():
         while not stop.wait(0.02):
-            driver.publish([0.0, 0.0], robot._names)
+            driver.publish([0.0, 0.0], robot._options.joint_names)
 
     thread = threading.Thread(target=talk)
     thread.start()
