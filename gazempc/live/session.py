@@ -129,9 +129,8 @@ def _run(settings: LiveSettings, stop: threading.Event, command: str) -> None:
     for line in () if feed is None else feed.problems:
         print(f"WARNING {line}")
     mcap = sorted(path.name for name in kept.names if (path := (settings.out / name).with_suffix(".mcap")).exists())
-    drawn = kept.draw() if settings.figures else []
-    written = [*kept.report(summary, drawn, command), "summary.json", *kept.files, *mcap]
-    print(f"Written to {settings.out}/: {', '.join([*written, *(() if feed is None else feed.files), *drawn])}")
+    written = [*kept.report(summary, command), "summary.json", *kept.files, *mcap]
+    print(f"Written to {settings.out}/: {', '.join([*written, *(() if feed is None else feed.files)])}")
     print(last_line(summary))
     if kept.violations:
         raise LimitViolationError(

@@ -13,7 +13,6 @@ from gazempc.live.robots import keeps_any_clock
 from gazempc.live.sources.camera.capture import CAMERA, CameraOptions, check_address
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
-from gazempc.live.view.orders import PORTS, ViewKind
 from gazempc.neck.human import MOTION_MEANS, Motion
 from gazempc.part_options import check_options
 from gazempc.parts import ADDRESSED, CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own, split_address
@@ -29,6 +28,9 @@ from gazempc.settings import (
 )
 from gazempc.sim.scene import SceneSettings, StageSettings
 
+ViewKind = Literal["foxglove", "web"]
+# Default port of Foxglove, and an unprivileged one for pages.
+PORTS: dict[ViewKind, int] = {"foxglove": 8765, "web": 8080}
 # Sources with time stamps of another clock.
 STAMPED = ("stdin", "udp", "tcp", "ros2", "ros4hri")
 SOURCES = (

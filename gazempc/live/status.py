@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import queue
 import sys
 import threading
 from collections import Counter, deque
-from typing import NamedTuple, TextIO
+from contextlib import suppress
+from typing import TextIO
 
 import numpy as np
 
@@ -19,26 +19,8 @@ from gazempc.results.moments import EventMoment, LateMoment, Moment, StatusMomen
 _LINE_S = 1.0
 # Timeout of the last lines, which take milliseconds.
 LAST_DRAWN_S = 2.0
-# Length of the queue for a blocked terminal or pipe: 15 s.
-_WAITING = 60
-
-
-class Status(NamedTuple):
-    """A status, with the changes since the previous one.
-
-    Attributes:
-        time_s: Time since the first tick, seconds.
-        state: State of the loop.
-        late_ms: Largest lateness of a tick, milliseconds.
-        skipped: Ticks skipped so far.
-        events: Events that began: time since the first tick, seconds, and name.
-    """
-
-    time_s: float
-    state: StatusMoment
-    late_ms: float
-    skipped: int
-    events: tuple[tuple[float, str], ...]
+# Length of the queue for a blocked terminal or pipe: some 15 s at 200 Hz.
+_WAITING = 5000
 
 
 class StatusLine:
@@ -58,15 +40,13 @@ class StatusLine:
         self._file = file or sys.stdout
         # Of the thread of the run.
         self._start_s: float | None = None
-        self._late_ms, self._skipped = 0.0, 0
-        self._events: list[EventMoment] = []
-        self._queue: queue.SimpleQueue[Status | None] = queue.SimpleQueue()
+        self._waiting: deque[LateMoment | EventMoment | StatusMoment] = deque(maxlen=_WAITING)
+        self._due, self._ended = threading.Event(), False
         # Of the thread that prints.
         self._thread = threading.Thread(target=self._work, name="status", daemon=True)
-        self._recent: deque[Status] = deque()
-        self._explained: set[str] = set()
-        self._began: Counter[str] = Counter()
-        self._next_line_s, self._line_late_ms = _LINE_S, 0.0
+        self._recent: deque[StatusMoment] = deque()
+        self._explained, self._began = set[str](), Counter[str]()
+        self._next_line_s, self._late_ms, self._skipped = _LINE_S, 0.0, 0
 
     def __enter__(self) -> StatusLine:
         """Begin to print."""
@@ -75,56 +55,53 @@ class StatusLine:
 
     def __exit__(self, *_: object) -> None:
         """Print the rest; a pipe without a reader does not block the end of the run."""
-        self._queue.put(None)
+        self._ended = True
+        self._due.set()
         self._thread.join(self._wait_s)
 
     def take(self, moment: Moment) -> None:
-        """Process a moment of the run; returns at once. Without a reader later statuses are lost."""
+        """Process a moment of the run; returns at once. Without a reader the oldest moments are lost."""
+        if self._start_s is None and isinstance(moment, TickMoment | StatusMoment):
+            self._start_s = moment.time_s
+        if isinstance(moment, LateMoment | EventMoment | StatusMoment):
+            self._waiting.append(moment)
+        if isinstance(moment, StatusMoment):
+            self._due.set()
+
+    def _work(self) -> None:
+        with suppress(OSError):  # the pipe is closed; the run goes on
+            while not self._ended or self._waiting:
+                self._due.wait()
+                self._due.clear()
+                while self._waiting:
+                    self._show(self._waiting.popleft())
+
+    def _show(self, moment: LateMoment | EventMoment | StatusMoment) -> None:
         match moment:
             case LateMoment():
                 self._late_ms = max(self._late_ms, moment.late_ms)
                 self._skipped += moment.skipped
-            case EventMoment():
-                self._events.append(moment)
-            case TickMoment() if self._start_s is None:
-                self._start_s = moment.time_s
+            case EventMoment(name=name):
+                if name not in self._explained:
+                    self._explained.add(name)
+                    meaning = MEANINGS.get(name)
+                    self._print(moment.time_s, f"{name}: {meaning}" if meaning else name)
+                self._began[name] = self._began.pop(name, 0) + 1  # the latest one is the last
             case StatusMoment():
-                start_s = self._start_s = moment.time_s if self._start_s is None else self._start_s
-                events = tuple((event.time_s - start_s, event.name) for event in self._events)
-                if self._queue.qsize() < _WAITING:
-                    self._queue.put(Status(moment.time_s - start_s, moment, self._late_ms, self._skipped, events))
-                self._late_ms, self._events = 0.0, []
-
-    def _work(self) -> None:
-        is_read = True
-        while (status := self._queue.get()) is not None:
-            try:
-                if is_read:
-                    self._show(status)
-            except OSError:
-                is_read = False  # the pipe is closed; the run goes on
-
-    def _show(self, status: Status) -> None:
-        for time_s, name in status.events:
-            if name not in self._explained:
-                self._explained.add(name)
-                meaning = MEANINGS.get(name)
-                self._print(time_s, f"{name}: {meaning}" if meaning else name)
-            self._began[name] = self._began.pop(name, 0) + 1  # the latest one is the last
-        while len(self._recent) > 1 and status.time_s - self._recent[1].time_s >= _LINE_S:
-            self._recent.popleft()
-        self._recent.append(status)
-        self._line_late_ms = max(self._line_late_ms, status.late_ms)
-        if status.time_s >= self._next_line_s:
-            self._print(status.time_s, self._line(status))
-            self._next_line_s, self._line_late_ms = _LINE_S * (status.time_s // _LINE_S + 1.0), 0.0
-            self._began.clear()
+                while len(self._recent) > 1 and moment.time_s - self._recent[1].time_s >= _LINE_S:
+                    self._recent.popleft()
+                self._recent.append(moment)
+                elapsed_s = moment.time_s - (self._start_s or 0.0)
+                if elapsed_s >= self._next_line_s:
+                    self._print(moment.time_s, self._line(moment))
+                    self._next_line_s, self._late_ms = _LINE_S * (elapsed_s // _LINE_S + 1.0), 0.0
+                    self._began.clear()
 
     def _print(self, time_s: float, text: str) -> None:
-        print(f"{time_s:6.1f} s  {text}", file=self._file, flush=True)
+        print(f"{time_s - (self._start_s or 0.0):6.1f} s  {text}", file=self._file, flush=True)
 
-    def _line(self, status: Status) -> str:
-        state, neck = status.state, self._neck
+    def _line(self, state: StatusMoment) -> str:
+        neck = self._neck
         eye_m, direction = gaze_ray(neck.geometry, state.joints_rad)
         _, aim = gaze_ray(neck.geometry, state.command_rad)
         person = "no person seen yet"
@@ -135,7 +112,7 @@ class StatusLine:
         (pan, tilt), (aim_pan, aim_tilt) = np.rad2deg(pan_tilt_rad(np.array([direction, aim]))).tolist()
         parts = [
             person,
-            self._observations(status),
+            self._observations(state),
             f"looks at pan {pan:+.1f}, tilt {tilt:+.1f} deg",
             f"aims at {aim_pan:+.1f}, {aim_tilt:+.1f}",
         ]
@@ -144,17 +121,17 @@ class StatusLine:
             parts.append("joints " + ", ".join(f"{name} {deg:+.1f}" for name, deg in angles_deg) + " deg")
         started_s = state.plan_start_s
         parts.append("no plan" if started_s is None else f"plan {1e3 * (state.time_s - started_s):.0f} ms old")
-        left_out = f", {status.skipped} skipped" if status.skipped else ""
-        parts.append(f"ticks at most {self._line_late_ms:.2f} ms late{left_out}")
+        left_out = f", {self._skipped} skipped" if self._skipped else ""
+        parts.append(f"ticks at most {self._late_ms:.2f} ms late{left_out}")
         if self._began:
             began = ", ".join(f"{name} {count} x" for name, count in reversed(self._began.items()))
             parts.append(f"began: {began}")
         return "; ".join(parts)
 
-    def _observations(self, status: Status) -> str:
+    def _observations(self, state: StatusMoment) -> str:
         before = self._recent[0]
-        came = status.state.observations - before.state.observations
+        came = state.observations - before.observations
         if not came:
             return "no observations"
-        share = 100.0 * (status.state.used - before.state.used) / came
-        return f"{came / (status.time_s - before.time_s):.0f} observations/s, {share:.0f} % used"
+        share = 100.0 * (state.used - before.used) / came
+        return f"{came / (state.time_s - before.time_s):.0f} observations/s, {share:.0f} % used"

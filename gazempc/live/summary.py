@@ -125,43 +125,34 @@ class KeptLogs:
         write_whole(self._settings.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         return summary
 
-    def draw(self) -> list[str]:
-        """Draw the last log.
-
-        Returns:
-            Names of the figures.
-        """
-        # Local import: Matplotlib takes a second to import.
-        from gazempc.results.figures.angles import angles  # noqa: PLC0415
-        from gazempc.results.figures.overview import attended  # noqa: PLC0415
-        from gazempc.results.figures.people import has_attention  # noqa: PLC0415
-
-        if self._last is None or self._last[0].time_s.size < 2:
-            return []
-        logs: dict[str, Log] = {self._last[0].run.controller: self._last[0]}
-        figures = {"angles.png": angles} | ({"attended.png": attended} if has_attention(logs) else {})
-        for name, draw in figures.items():
-            draw(logs, self._settings.out / name)
-        return list(figures)
-
-    def report(self, summary: dict[str, Any], drawn: list[str], command: str) -> list[str]:
-        """Write the report of the run.
+    def report(self, summary: dict[str, Any], command: str) -> list[str]:
+        """Draw the last log, and write the report of the run.
 
         Args:
             summary: Result of `write`.
-            drawn: Names of the figures.
             command: Command line that reproduces the run.
 
         Returns:
-            Name of the file; empty without a log.
+            Names of the files; empty without a log.
         """
         from gazempc.results.page.run_page import live_page  # noqa: PLC0415  (slow to import)
         from gazempc.results.page.write import write_page  # noqa: PLC0415
 
         if self._last is None:
             return []
-        pictures = [self._settings.out / name for name in drawn]
-        return [write_page(live_page(summary, self._last[0], MEANINGS, pictures, command), self._settings.out)]
+        log, out, figures = self._last[0], self._settings.out, list[Path]()
+        if self._settings.figures and log.time_s.size >= 2:
+            # Local import: Matplotlib takes a second to import.
+            from gazempc.results.figures.angles import angles  # noqa: PLC0415
+            from gazempc.results.figures.overview import attended  # noqa: PLC0415
+            from gazempc.results.figures.people import has_attention  # noqa: PLC0415
+
+            logs: dict[str, Log] = {log.run.controller: log}
+            for draw in (angles, attended) if has_attention(logs) else (angles,):
+                figures.append(out / f"{draw.__name__}.png")
+                draw(logs, figures[-1])
+        page = write_page(live_page(summary, log, MEANINGS, figures, command), out)
+        return [page, *(figure.name for figure in figures)]
 
 
 def text(summary: dict[str, Any]) -> str:

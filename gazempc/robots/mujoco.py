@@ -212,16 +212,10 @@ def neck_mjcf(neck: NeckSpec) -> str:
     <global offwidth="1280" offheight="960"/>
     <map znear="0.005"/>
   </visual>
-  <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.7 0.8 0.9" rgb2="0.95 0.95 1" width="64" height="64"/>
-    <texture name="tiles" type="2d" builtin="checker" rgb1="0.75 0.75 0.7" rgb2="0.6 0.6 0.55" width="64" height="64"/>
-    <material name="floor" texture="tiles" texrepeat="10 10" texuniform="false"/>
-  </asset>
   <worldbody>
     <light directional="true" pos="0 0 3" dir="-0.3 -0.2 -1"/>
-    <geom name="floor" type="plane" pos="0 0 -1.2" size="5 5 0.1" material="floor"/>
+    <geom name="floor" type="plane" pos="0 0 -1.2" size="5 5 0.1" rgba="0.7 0.7 0.65 1"/>
     <geom name="column" type="cylinder" fromto="0 0 -1.2 0 0 -0.12" size="0.05" rgba="0.3 0.3 0.35 1"/>
-    <camera name="bystander" pos="1.2 0.7 0.25" mode="targetbody" target="head"/>
     {body}
     <body name="yoke" gravcomp="1">
       <inertial pos="0 0 0" mass="{_YOKE_KG}" diaginertia="{_YOKE_KG_M2} {_YOKE_KG_M2} {_YOKE_KG_M2}"/>

@@ -51,11 +51,10 @@ class PtzEmulator:
         self._neck = load_neck(neck) if isinstance(neck, str) else neck
         self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
-        self.address = ("", 0)
         self.picture_url = ""
 
     def start(self) -> tuple[str, int]:
-        """Start the process; idempotent.
+        """Start the process.
 
         Returns:
             Host and port of VISCA.
@@ -63,22 +62,21 @@ class PtzEmulator:
         Raises:
             RobotError: If the start fails, for example without MuJoCo; states the reason.
         """
-        if self._process is None:
-            context = multiprocessing.get_context("spawn")
-            self._pipe, theirs = context.Pipe()
-            self._process = context.Process(target=_serve, args=(self._neck, theirs), name="emulator", daemon=True)
-            self._process.start()
-            theirs.close()
-            try:
-                found = self._pipe.recv() if self._pipe.poll(60.0) else "it did not start"
-            except EOFError:
-                found = "its process ended"
-            if isinstance(found, str):
-                self.close()
-                raise RobotError(f"emulated camera: {found}")
-            self.address, self.picture_url = found
-            PtzEmulator.running = self
-        return self.address
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(self._neck, theirs), name="emulator", daemon=True)
+        self._process.start()
+        theirs.close()
+        try:
+            found = self._pipe.recv() if self._pipe.poll(60.0) else "it did not start"
+        except EOFError:
+            found = "its process ended"
+        if isinstance(found, str):
+            self.close()
+            raise RobotError(f"emulated camera: {found}")
+        (host, port), self.picture_url = found
+        PtzEmulator.running = self
+        return str(host), int(port)
 
     def close(self) -> None:
         """End the process."""

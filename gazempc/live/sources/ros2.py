@@ -16,9 +16,8 @@ from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.loop.events import Event
 from gazempc.people.company import Cue
 from gazempc.robots.options import Ros2Options
-from gazempc.ros2.messages import FrameError, Ros2Error, on_loop_clock, stamp_s, topic_name
+from gazempc.ros2.messages import FrameError, Ros2Error, Transforms, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import MakeNode, Ros2Node, Subscription
-from gazempc.ros2.transforms import Transforms
 from gazempc.types import FloatArray, Sighting
 from predictors import HeadObservation
 
@@ -242,11 +241,10 @@ class Ros2Person(Ros2Source):
         super().__init__(given, f"ROS 2 topic {self._topic}", "gazempc_person")
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
-        self._poses = node.subscription(self._topic, self._options.pose_type)
-        return {self._topic: self._poses}
+        return {self._topic: node.subscription(self._topic, self._options.pose_type)}
 
     def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        found = self._placed(self._poses.take(), self._seen, lambda _: self._topic)
+        found = self._placed(self._watched[self._topic].take(), self._seen, lambda _: self._topic)
         return [Sighting(self._now_s, observation) for seen in found for observation in seen], ()
 
     def _seen(self, message: Any) -> list[HeadObservation]:

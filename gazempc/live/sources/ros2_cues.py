@@ -49,12 +49,11 @@ class Ros2Cues(Ros2Source):
 
     def _subscribe(self, node: Ros2Node) -> Mapping[str, Subscription]:
         kinds = {self._point_topic: _POINT, self._sound_topic: _SOUND}
-        topics = {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
-        self._topics = topics.get(self._point_topic), topics.get(self._sound_topic)
-        return topics
+        return {topic: node.subscription(topic, kind) for topic, kind in kinds.items() if topic}
 
     def _process(self) -> tuple[Iterable[Sighting], Iterable[Cue]]:
-        points, sounds = ([] if topic is None else topic.take() for topic in self._topics)
+        topics = self._point_topic, self._sound_topic
+        points, sounds = (self._watched[topic].take() if topic else [] for topic in topics)
         heard = self._used(sounds, self._sound, self._sound_topic)
         return (), [*heard, *self._placed(points, self._glance, lambda _: self._point_topic)]
 

@@ -22,6 +22,7 @@ _DATAGRAM = 65_536
 _DATAGRAMS = 256
 # Socket option of <linux/in.h>: ICMP errors are queued for the socket.
 _IP_RECVERR, _REPORTS_CLOSED = 11, hasattr(socket, "MSG_ERRQUEUE")
+LOOPBACK = ("127.0.0.1", "localhost")
 # Period of a reader's check for its end, and of connection attempts.
 _WAKE_S = 0.2
 
@@ -55,6 +56,11 @@ class Wire(Protocol):
 
     def close(self) -> None:
         """Close it."""
+
+
+def named(host: str) -> str:
+    """Host name of this computer for a server at all its addresses; else the address itself."""
+    return socket.gethostname() if host == "0.0.0.0" else host
 
 
 def is_loopback(host: str) -> bool:

@@ -9,7 +9,7 @@ import foxglove
 from foxglove import layouts
 
 from gazempc.errors import SettingsError
-from gazempc.live.view.orders import LogKept, named
+from gazempc.live.sources.wires import named
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.log import RunInfo
 from gazempc.results.mcap_channels import Channels, McapWriter
@@ -112,25 +112,26 @@ class McapFiles:
     def __init__(self, run: RunInfo, folder: Path) -> None:
         self._run, self._folder = run, folder
         self._number = 0
-        self._lost = 0
         self._begun = False
         self._flush_s = 0.0
         # Oldest first; the last one is open while there are channels.
         self._writers: deque[McapWriter] = deque()
         self._channels: Channels | None = self._next()
 
-    def take(self, moment: Moment | LogKept) -> None:
+    def take(self, moment: Moment | Path) -> None:
         """Write a moment.
 
         Args:
-            moment: The moment.
+            moment: The moment, or the ``.npz`` file of a complete log, whose name the MCAP file beside it has.
 
         Raises:
             SettingsError: If a file cannot be written.
             OSError: If a log cannot be read.
         """
-        if isinstance(moment, LogKept):
-            self._finish(moment)
+        if isinstance(moment, Path):
+            writer = self._writers.popleft()
+            writer.attach(moment.read_bytes())
+            writer.close()
         elif isinstance(moment, CutMoment):
             self._channels = None
         else:
@@ -155,10 +156,3 @@ class McapFiles:
 
     def _path(self, number: int) -> Path:
         return self._folder / f"log_{number:03}.mcap"
-
-    def _finish(self, kept: LogKept) -> None:
-        writer = self._writers.popleft()
-        lost, self._lost = kept.lost - self._lost, kept.lost
-        writer.note("gazempc_lost", {"moments": str(lost)})
-        writer.attach(kept.path.read_bytes())
-        writer.close()

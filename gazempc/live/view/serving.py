@@ -4,16 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Protocol
 
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.live.sources.wires import is_loopback
-from gazempc.live.view.orders import ViewOrders
 from gazempc.parts import error_line
+from gazempc.results.log import RunInfo
 from gazempc.results.log_files import NEEDS_VIEW
 from gazempc.results.moments import Moment
+
+
+@dataclass(frozen=True)
+class ViewOrders:
+    """Tasks of the process for viewers.
+
+    Attributes:
+        run: Description of the run.
+        mcap_folder: Folder of MCAP files; None for none.
+        view: Kind of viewer, ``web`` or ``foxglove``; None for none.
+        host: Address of the server.
+        port: Its port; 0 for any free one.
+        layout: Path of the layout file for Foxglove.
+        pictures: Whether the moments include pictures of a camera.
+    """
+
+    run: RunInfo
+    mcap_folder: Path | None = None
+    view: str | None = None
+    host: str = "127.0.0.1"
+    port: int = 0
+    layout: Path | None = None
+    pictures: bool = False
 
 
 class _Taker(Protocol):

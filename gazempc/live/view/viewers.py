@@ -17,8 +17,7 @@ from gazempc.live.process import start_child
 from gazempc.live.settings import LiveSettings
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.camera.source import CameraSource
-from gazempc.live.view.orders import LogKept, ViewOrders
-from gazempc.live.view.serving import serve
+from gazempc.live.view.serving import ViewOrders, serve
 from gazempc.results.moments import CutMoment, Moment, StatusMoment, TickMoment
 from gazempc.types import FloatArray
 
@@ -62,7 +61,7 @@ class Feed:
     ) -> None:
         self._true_head_base_m, self._waits = true_head_base_m, waits
         self.files = () if orders.layout is None else (orders.layout.name,)
-        self._waiting: deque[Moment | LogKept] = deque()
+        self._waiting: deque[Moment | Path] = deque()
         self.lost, self._problem = 0, ""
         self._stop, self._due, self._due_s = False, threading.Event(), -math.inf
         # Held while sending, as a run on a simulated clock also sends.
@@ -105,7 +104,7 @@ class Feed:
         Args:
             path: The ``.npz`` file.
         """
-        self._waiting.append(LogKept(path, self.lost))
+        self._waiting.append(path)
 
     @property
     def problems(self) -> list[str]:
@@ -130,9 +129,9 @@ class Feed:
 
     def _drop(self) -> None:
         # Drop the oldest moments, but keep ends and paths of logs.
-        kept: list[Moment | LogKept] = []
+        kept: list[Moment | Path] = []
         with suppress(IndexError):  # all were sent meanwhile
-            while isinstance(oldest := self._waiting.popleft(), (CutMoment, LogKept)):
+            while isinstance(oldest := self._waiting.popleft(), (CutMoment, Path)):
                 kept.append(oldest)
             self.lost += 1
         self._waiting.extendleft(reversed(kept))
@@ -146,7 +145,7 @@ class Feed:
     def _send(self) -> None:
         with self._sending:
             for _ in range(len(self._waiting) // _BATCH + 1):
-                moments: list[Moment | LogKept] = []
+                moments: list[Moment | Path] = []
                 with suppress(IndexError):
                     while len(moments) < _BATCH:
                         moments.append(self._waiting.popleft())
@@ -167,7 +166,7 @@ class Feed:
                 problem = self._pipe.recv()
                 self._problem = self._problem or str(problem)
 
-    def _with_true_heads(self, moments: list[Moment | LogKept]) -> list[object]:
+    def _with_true_heads(self, moments: list[Moment | Path]) -> list[object]:
         times_s = [moment.time_s for moment in moments if isinstance(moment, TickMoment)]
         if self._true_head_base_m is None or not times_s:
             return list(moments)

@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from gazempc.errors import SettingsError
-from gazempc.live.sources.wires import is_loopback
-from gazempc.live.view.orders import LOOPBACK, named
+from gazempc.live.sources.wires import LOOPBACK, is_loopback, named
 from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import angle_between_rad, gaze_ray
 from gazempc.results import moments

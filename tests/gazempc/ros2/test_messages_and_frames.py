@@ -9,9 +9,8 @@ from builders.ros2_graph import UNIX_START_S, transform
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import GazempcError, SettingsError
-from gazempc.ros2.messages import Ros2Error, on_loop_clock, stamp_s, topic_name
+from gazempc.ros2.messages import Ros2Error, Transforms, on_loop_clock, stamp_s, topic_name
 from gazempc.ros2.node import Ros2Node, message_type
-from gazempc.ros2.transforms import Transforms
 
 
 def test_topic_names_are_validated():

@@ -14,7 +14,7 @@ from builders.replays import cut, run_info
 from builders.waiting import wait_for
 
 import gazempc as gz
-from gazempc.live.view.orders import ViewOrders
+from gazempc.live.view.serving import ViewOrders
 from gazempc.live.view.viewers import Feed
 from gazempc.live.view.web import Snapshots, WebPage
 from gazempc.neck.kinematics import gaze_error_rad

@@ -19,7 +19,7 @@ from builders.waiting import wait_for
 import gazempc as gz
 from gazempc.errors import SettingsError
 from gazempc.live.session import main, parse
-from gazempc.live.view.orders import ViewOrders
+from gazempc.live.view.serving import ViewOrders
 from gazempc.live.view.viewers import Feed
 from gazempc.recordings.load import load
 from gazempc.results.mcap import moments_of
