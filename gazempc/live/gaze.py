@@ -16,7 +16,7 @@ from gazempc.controllers.controller import Controller
 from gazempc.live.mount import placed
 from gazempc.live.process import fast_switching
 from gazempc.live.run import Listener, LiveRun
-from gazempc.live.setup import LiveGazeSettings, setup_of_gaze
+from gazempc.live.setup import setup_of_gaze
 from gazempc.live.sources.pushed import Stated, checked
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
@@ -74,10 +74,8 @@ class Gaze:
         listener: Listener | None = None,
         **settings: Any,
     ) -> None:
-        self._setup, self._source, checked = setup_of_gaze(neck, robot, controller, predictor, settings)
-        self.settings: LiveGazeSettings = checked
+        self._setup, self._source, self.settings = setup_of_gaze(neck, robot, controller, predictor, settings)
         self._listeners = () if listener is None else (listener,)
-        self._keep_s = 60.0 * checked.keep_minutes
         self._kept: tuple[Log, ...] = ()
         self._run: LiveRun | None = None
         self._stop = threading.Event()
@@ -323,7 +321,7 @@ class Gaze:
         return join_logs(self._kept)
 
     def _keep(self, log: Log, times: ComputeTimes) -> None:
-        oldest_s = log.time_s[-1] - self._keep_s
+        oldest_s = log.time_s[-1] - 60.0 * self.settings.keep_minutes
         self._kept = (*(kept for kept in self._kept if kept.time_s[-1] >= oldest_s), log)
 
     def _work(self, run: LiveRun) -> None:

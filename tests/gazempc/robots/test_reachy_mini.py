@@ -24,8 +24,7 @@ from scipy.spatial.transform import Rotation
 from gazempc.errors import RobotError, SettingsError
 from gazempc.neck.spec import load_neck
 from gazempc.robots.options import ReachyMiniOptions
-from gazempc.robots.reachy_mini import ReachyMiniNeck
-from gazempc.robots.reachy_mini_pose import clamp_to_head, head_angles, head_matrix
+from gazempc.robots.reachy_mini import ReachyMiniNeck, clamp_to_head, head_angles, head_matrix
 
 NECK, BODY = load_neck("reachy_mini"), load_neck("reachy_mini_body")
 WIDE = with_both(NECK, position_min_deg=-170, position_max_deg=170)
