@@ -18,7 +18,7 @@ from gazempc.live.mount import Mount
 from gazempc.live.run import LiveRun
 from gazempc.live.setup import LiveSetup
 from gazempc.live.sources.camera.blazeface import BlazeFace
-from gazempc.live.sources.camera.finder import FaceSensor
+from gazempc.live.sources.camera.finder import FaceFinder
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
 from gazempc.live.sources.source import Arrived
 from gazempc.loop import build
@@ -49,7 +49,8 @@ class RenderedCamera:
 
     def __init__(self, studio: Studio, robot: MujocoNeck, clock: SimulatedClock) -> None:
         self._studio, self._robot, self._clock = studio, robot, clock
-        self._sensor = FaceSensor(BlazeFace(), from_field_of_view(studio.fov_deg, studio.width, studio.height))
+        self._finder = FaceFinder(BlazeFace())
+        self._intrinsics = from_field_of_view(studio.fov_deg, studio.width, studio.height)
         self._next_s = 0.0
         self._waiting: deque[Sighting] = deque()
         self.finished = False
@@ -65,7 +66,8 @@ class RenderedCamera:
         if now_s >= self._next_s - 1e-9:
             self._next_s += FRAME_S
             self.pictures += 1
-            found = self._sensor.detect(self._studio.picture(passer_by(now_s), *self._pose()), now_s)
+            picture = self._studio.picture(passer_by(now_s), *self._pose())
+            found = self._finder.heads(picture, now_s, self._intrinsics)
             self._waiting += (Sighting(now_s + LATENCY_S, observation) for observation in found)
         arrived = []
         while self._waiting and self._waiting[0].arrival_s <= now_s + 1e-9:

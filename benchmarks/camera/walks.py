@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
-from gazempc.live.sources.camera.finder import FaceSensor
+from gazempc.live.sources.camera.finder import FaceFinder
 from gazempc.live.sources.camera.intrinsics import from_field_of_view
 from gazempc.robots.studio import Studio, StudioPerson
 from gazempc.types import FloatArray
@@ -74,14 +74,14 @@ def watch(
     Returns:
         Detection errors.
     """
-    sensor = FaceSensor(BlazeFace(), from_field_of_view(studio.fov_deg, studio.width, studio.height))
+    finder, intrinsics = FaceFinder(BlazeFace()), from_field_of_view(studio.fov_deg, studio.width, studio.height)
     bearings, ranges, yaws, nees, cpu_ms, names = [], [], [], [], [], set()
     others = 0
     for k in range(frames):
         person = person_at(k * FRAME_S)
         picture = spoilt(studio.picture(person, np.zeros(3), Rotation.identity()))
         started_s = time.process_time()
-        found = sensor.detect(picture, k * FRAME_S)
+        found = finder.heads(picture, k * FRAME_S, intrinsics)
         cpu_ms.append(1e3 * (time.process_time() - started_s))
         of_person = [each for each in found if _off_deg(each, person) <= _ASSOCIATION_DEG]
         others += len(found) - len(of_person[:1])

@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -58,13 +57,7 @@ def make_robot(
     Raises:
         SettingsError: If there is no such robot, an option is invalid or a method is missing.
     """
-    given: dict[str, Any] = {
-        "neck": neck,
-        "clock_s": clock.now_s,
-        "clock": clock,
-        "position_rad": position_rad,
-        "seed": seed,
-    }
+    given = {"neck": neck, "clock_s": clock.now_s, "clock": clock, "position_rad": position_rad, "seed": seed}
     if not is_own(choice):
         name, address = split_address(choice)
         given |= {"address": address, "options": getattr(options, name, None), "to_loop_s": clock.from_unix_s}

@@ -18,14 +18,7 @@ from gazempc.part_options import check_options
 from gazempc.parts import ADDRESSED, CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own, split_address
 from gazempc.robots.options import RobotChoice, RobotOptions
 from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S, VIEW_DEG
-from gazempc.settings import (
-    COMPUTE_DELAY_MEANS,
-    DEFAULT_PREDICTOR,
-    ControllerChoice,
-    GazeSettings,
-    LoopSettings,
-    PredictorChoice,
-)
+from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
 ViewKind = Literal["foxglove", "web"]
@@ -39,10 +32,13 @@ SOURCES = (
 )
 
 
+_DELAY = LoopSettings.model_fields["compute_delay_s"]
+
+
 class LiveLoopSettings(LoopSettings):
     """Timeouts and limits of a loop whose plans are made in the background."""
 
-    compute_delay_s: float = Field(default=0.01, ge=0, le=0.1, description=COMPUTE_DELAY_MEANS)
+    compute_delay_s: float = Field(default=0.01, ge=0, le=0.1, description=_DELAY.description)
 
 
 class MountedSettings(GazeSettings):

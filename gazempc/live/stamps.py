@@ -47,8 +47,9 @@ class StampReader:
     """
 
     def __init__(self, stamps: Stamps, clock: Clock) -> None:
-        self.stamps = stamps
-        self._clock = clock
+        self.stamps, self._clock = stamps, clock
+        # None for other clocks.
+        self._to_loop_s = {"unix": clock.from_unix_s, "monotonic": clock.from_monotonic_s}.get(stamps.clock)
         self._envelope, self._lock = Envelope(), threading.Lock()
 
     def loop_s(self, stamp: float, arrival_s: float) -> float:
@@ -62,12 +63,9 @@ class StampReader:
             Time of capture, seconds.
         """
         stamp_s = stamp / PER_SECOND[self.stamps.unit]
-        clock = self.stamps.clock
-        if clock == "unix":
-            return self._clock.from_unix_s(stamp_s)
-        if clock == "monotonic":
-            return self._clock.from_monotonic_s(stamp_s)
-        if clock == "arrival":
+        if self._to_loop_s is not None:
+            return self._to_loop_s(stamp_s)
+        if self.stamps.clock == "arrival":
             return arrival_s - self.stamps.latency_s
         with self._lock:
             self._envelope.add(arrival_s, arrival_s - stamp_s)
@@ -90,8 +88,8 @@ class StampReader:
         Returns:
             The stamp, in the unit of the settings.
         """
-        to_loop = self._clock.from_unix_s if self.stamps.clock == "unix" else self._clock.from_monotonic_s
-        return (capture_s - to_loop(0.0)) * PER_SECOND[self.stamps.unit]
+        assert self._to_loop_s is not None
+        return (capture_s - self._to_loop_s(0.0)) * PER_SECOND[self.stamps.unit]
 
 
 @dataclass(frozen=True)

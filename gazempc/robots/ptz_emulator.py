@@ -12,6 +12,7 @@ import socket
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -112,17 +113,15 @@ def _server(pictures: deque[tuple[float, bytes]]) -> ThreadingHTTPServer:
             self.end_headers()
             # Only pictures newer than the connection are sent.
             due_s = time.monotonic()
-            while True:
-                later = next((each for each in tuple(pictures) if due_s < each[0]), None)
-                if later is None or later[0] > time.monotonic():
-                    time.sleep(1e-3)
-                    continue
-                due_s, jpeg = later
-                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-                try:
+            with suppress(OSError):
+                while True:
+                    later = next((each for each in tuple(pictures) if due_s < each[0]), None)
+                    if later is None or later[0] > time.monotonic():
+                        time.sleep(1e-3)
+                        continue
+                    due_s, jpeg = later
+                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
                     self.wfile.write(head.encode() + jpeg + b"\r\n")
-                except OSError:
-                    return
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     server.daemon_threads = True

@@ -134,7 +134,7 @@ class LineSource:
         self._wire, self._clock = wire, clock
         self._stamps = stamps or StampReader(Stamps(), clock)
         self._senders = senders or Senders()
-        self._lines, self._rest, self._too_long = 0, b"", False
+        self._lines, self._rest = 0, b""
         self._ended, self._closing = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="source", daemon=True)
         # Guards all below; held for a few microseconds at most.
@@ -227,21 +227,13 @@ class LineSource:
 
     def _cut(self, data: bytes) -> list[bytes]:
         """Complete lines; longer ones than the limit are discarded."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        if self._too_long and lines:
-            self._too_long = False
-            del lines[0]  # the rest of a discarded line
-        if len(self._rest) > LINE_MAX:
-            if not self._too_long:
-                self._refuse_long()
-            self._too_long, self._rest = True, b""
-        for _ in range(sum(len(line) > LINE_MAX for line in lines)):
-            self._refuse_long()
+        is_known = len(self._rest) > LINE_MAX
+        *lines, rest = (self._rest + data).split(b"\n")
+        self._rest = rest[: LINE_MAX + 1]  # of a longer line only its length matters
+        for _ in range(sum(len(line) > LINE_MAX for line in (*lines, rest)) - is_known):
+            self._lines += 1
+            self._problem(f"longer than {LINE_MAX} bytes")
         return [line for line in lines if len(line) <= LINE_MAX and line.strip()]
-
-    def _refuse_long(self) -> None:
-        self._lines += 1
-        self._problem(f"longer than {LINE_MAX} bytes")
 
     def _parse(self, line: bytes, sender: Address | None, arrival_s: float) -> None:
         text, to_loop_s = line.decode("utf-8", errors="replace"), partial(self._stamps.loop_s, arrival_s=arrival_s)

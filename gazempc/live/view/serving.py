@@ -75,11 +75,8 @@ def _takers(orders: ViewOrders, lines: list[str]) -> list[_Taker]:
     takers: list[_Taker] = []
     if orders.mcap_folder is not None or orders.view == "foxglove":
         try:
-            from gazempc.live.view.foxglove import (  # noqa: PLC0415  (optional packages)
-                FoxgloveServer,
-                McapFiles,
-                write_layout,
-            )
+            # Optional packages.
+            from gazempc.live.view.foxglove import FoxgloveServer, McapFiles, write_layout  # noqa: PLC0415
         except ImportError:
             raise SettingsError(f"{NEEDS_VIEW}; --view web needs none") from None
         if orders.mcap_folder is not None:

@@ -197,5 +197,5 @@ def start_viewers(settings: LiveSettings, setup: LiveSetup) -> Feed | None:
     orders = ViewOrders(setup.about, folder, settings.view, *settings.view_address, layout, camera is not None)
     feed = Feed(orders, setup.true_head_base_m, not setup.clock.is_real)
     if camera is not None:
-        camera.show_to(feed.take)
+        camera.watch = feed.take
     return feed

@@ -46,14 +46,9 @@ class Snapshots:
 
     def __init__(self, run: RunInfo) -> None:
         self._neck, self._knows_true_head = run.neck, run.knows_true_head
-        self._about = {
-            "recording": run.recording,
-            "neck": run.neck.name,
-            "robot": run.robot,
-            "controller": run.controller,
-            "predictor": run.predictor,
-            "scored_against": "the true head" if run.knows_true_head else "the observed head",
-        }
+        self._about = {name: getattr(run, name) for name in ("recording", "robot", "controller", "predictor")}
+        self._about["neck"] = run.neck.name
+        self._about["scored_against"] = "the true head" if run.knows_true_head else "the observed head"
         self.picture = b""
         self._history: deque[list[float | None]] = deque(maxlen=round(_HISTORY_S / PERIOD_S))
         self._events: deque[dict[str, Any]] = deque(maxlen=_EVENTS)

@@ -118,6 +118,25 @@ class FaceFinder:
         self._known = here + lost
         return [person for person in here if person.person_id]
 
+    def heads(self, picture: Any, time_s: float, intrinsics: Intrinsics) -> list[HeadObservation]:
+        """Process one picture as `detect` does.
+
+        Args:
+            picture: RGB, shape (height, width, 3), uint8.
+            time_s: Capture time, seconds; strictly increasing.
+            intrinsics: Camera intrinsics.
+
+        Returns:
+            One observation per named person, in the camera's frame: x along the view, y left, z up.
+        """
+        found = []
+        for person in self.detect(picture, time_s):
+            rays = intrinsics.rays(person.face.points_px)
+            # The first element is the focal length in pixels.
+            point_sd = POINT_SD * person.side_px / float(intrinsics.matrix[0, 0])
+            found.append(head_from_points(rays, point_sd, person.face.score, time_s, person.person_id))
+        return found
+
     def _follow(self, picture: Any, person: FaceTrack, time_s: float) -> tuple[Face, int] | None:
         middle_px = person.middle_at(time_s)
         found = self._near(picture, middle_px, person.face.width_px, _KNOWN_SCORE)
@@ -218,34 +237,3 @@ def _same(face: Face, lost: list[FaceTrack], time_s: float) -> FaceTrack | None:
     like = [p for p in lost if max(width_px / p.face.width_px, p.face.width_px / width_px) < _SAME_CHANGE]
     near = [p for p in like if away(p) < _SAME_WIDTHS * width_px]
     return min(near, key=away) if near else None
-
-
-class FaceSensor:
-    """Observes all people with detected faces.
-
-    Args:
-        detector: Detects faces in a square of a picture.
-        intrinsics: Camera intrinsics.
-    """
-
-    def __init__(self, detector: BlazeFace, intrinsics: Intrinsics) -> None:
-        self._finder = FaceFinder(detector)
-        self._intrinsics = intrinsics
-
-    def detect(self, picture: Any, time_s: float) -> list[HeadObservation]:
-        """Process one picture.
-
-        Args:
-            picture: RGB, shape (height, width, 3), uint8.
-            time_s: Capture time, seconds; strictly increasing.
-
-        Returns:
-            One observation per named person, in the camera's frame: x along the view, y left, z up.
-        """
-        heads = []
-        for person in self._finder.detect(picture, time_s):
-            rays = self._intrinsics.rays(person.face.points_px)
-            # The first element is the focal length in pixels.
-            point_sd = POINT_SD * person.side_px / float(self._intrinsics.matrix[0, 0])
-            heads.append(head_from_points(rays, point_sd, person.face.score, time_s, person.person_id))
-        return heads

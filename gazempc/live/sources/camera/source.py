@@ -21,7 +21,7 @@ from gazempc.live.clock import Clock
 from gazempc.live.process import start_child
 from gazempc.live.sources.camera.blazeface import BlazeFace, import_opencv
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Pictures, open_pictures
-from gazempc.live.sources.camera.finder import FaceSensor
+from gazempc.live.sources.camera.finder import FaceFinder
 from gazempc.live.sources.camera.intrinsics import Intrinsics, from_calibration, from_field_of_view
 from gazempc.live.sources.source import Arrived, Notice, SourceError
 from gazempc.loop.events import Event
@@ -149,25 +149,24 @@ def serve(parent: Connection, address: str, options: CameraOptions, shows: bool,
 
 def _work(pictures: Pictures, address: str, options: CameraOptions, parent: Connection, shows: bool) -> None:
     with closing(pictures):
-        detector, rate, cv2 = BlazeFace(), FaceRate(), import_opencv()
-        sensor, latest_s, shown_s = None, float("-inf"), float("-inf")
+        finder, rate, cv2 = FaceFinder(BlazeFace()), FaceRate(), import_opencv()
+        intrinsics, latest_s, shown_s = None, -math.inf, -math.inf
         while (picture := pictures.read()) is not None:
             if isinstance(picture, str | Notice):
                 parent.send(picture)
                 continue
             if getattr(picture.rgb, "ndim", 0) != 3 or picture.rgb.shape[2] != 3 or picture.rgb.dtype.name != "uint8":
                 raise SourceError(f"source camera:{address}: a picture is not RGB, shape (height, width, 3), uint8")
-            if sensor is None:
+            if intrinsics is None:
                 height, width = picture.rgb.shape[:2]
                 intrinsics, about = _lens(options, width, height)
-                sensor = FaceSensor(detector, intrinsics)
                 parent.send(Opened(about, intrinsics.half_view_rad(width, height)))
             captured_s = picture.captured_s - 1e-3 * options.latency_ms
             if captured_s <= latest_s:
                 continue  # a repeated picture
             latest_s = captured_s
             started_s = time.perf_counter()
-            observations = sensor.detect(picture.rgb, captured_s)
+            observations = finder.heads(picture.rgb, captured_s, intrinsics)
             for observation in observations:
                 parent.send(observation)
             if why := rate.judge(captured_s, bool(observations), time.perf_counter() - started_s):
@@ -184,9 +183,7 @@ def _lens(options: CameraOptions, width: int, height: int) -> tuple[Intrinsics, 
         return from_calibration(options.calibration, width, height), f"{about}calibrated by {options.calibration}"
     about += f"{options.fov_deg or LIKELY_FOV_DEG:g} degrees across"
     if options.fov_deg is None:
-        about += (
-            " ASSUMED: its error scales directions and distances; set --camera.fov-deg, or give --camera.calibration"
-        )
+        about += " ASSUMED: its error scales directions and distances; set --camera.fov-deg or --camera.calibration"
     return from_field_of_view(options.fov_deg or LIKELY_FOV_DEG, width, height), about
 
 
@@ -211,6 +208,8 @@ class CameraSource:
 
     Attributes:
         half_view_rad: Half of the pictures' width and height, radians; None before the first picture.
+        watch: Called with each of the small pictures for viewers in the thread of the run, and must return at once;
+            None at `open` for no pictures.
 
     Raises:
         SettingsError: If field of view and calibration are both given.
@@ -226,20 +225,12 @@ class CameraSource:
         self._process: SpawnProcess | None = None
         self._messages: Connection | None = None
         self._ended = False
-        self._watch: Callable[[Moment], None] | None = None
-
-    def show_to(self, watch: Callable[[Moment], None]) -> None:
-        """Also send small pictures to a listener; call before `open`.
-
-        Args:
-            watch: Called with each in the thread of the run; must return at once.
-        """
-        self._watch = watch
+        self.watch: Callable[[Moment], None] | None = None
 
     def open(self) -> None:
         """See `gazempc.live.sources.source.Source.open`; waits for the first picture."""
         address = picture_url() if self._address == EMULATOR else self._address
-        given = address, self._options, self._watch is not None, self._own
+        given = address, self._options, self.watch is not None, self._own
         self._process, self._messages = start_child("camera", serve, *given)
         self._ended = False
         try:
@@ -253,8 +244,8 @@ class CameraSource:
         now_s, to_loop_s = self._clock.now_s(), self._clock.from_monotonic_s
         messages = list(iter(self._next, None))
         for message in messages:
-            if isinstance(message, PictureMoment) and self._watch is not None:
-                self._watch(message._replace(time_s=to_loop_s(message.time_s)))
+            if isinstance(message, PictureMoment) and self.watch is not None:
+                self.watch(message._replace(time_s=to_loop_s(message.time_s)))
         seen = [each for each in messages if isinstance(each, HeadObservation)]
         problems = [
             each.why if isinstance(each, Failed) else each for each in messages if isinstance(each, str | Failed)
