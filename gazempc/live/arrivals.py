@@ -159,16 +159,14 @@ class Arrivals:
         if len(self._report.problems) < _PROBLEMS_KEPT:
             self._report.problems.append(text)
 
-    def _warn(
-        self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again_after_s: float = math.inf
-    ) -> None:
+    def _warn(self, now_s: float, recorder: LoopRecorder, event: Event, text: str, again_s: float = math.inf) -> None:
         """Record an event, and log its text as a rate-limited warning."""
         recorder.event(now_s, event)
         warned_s = self._warned_s.get(event, -math.inf)
-        if now_s - warned_s >= again_after_s or warned_s == -math.inf:
+        if now_s - warned_s >= again_s or warned_s == -math.inf:
             self._warned_s[event] = now_s
             _LOGGER.warning("%s: %s", event, text)
-            if warned_s == -math.inf or not again_after_s:
+            if warned_s == -math.inf or not again_s:
                 self._report.warnings.append(f"{event}: {text}")
 
     def finished(self, now_s: float, recorder: LoopRecorder) -> bool:

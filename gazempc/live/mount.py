@@ -85,13 +85,11 @@ class Mount(Settings):
 
         return _changed(observation, self.unit_m * to_flu, np.zeros(3), renamed)
 
-    def to_base(
-        self, observation: HeadObservation, geometry: Geometry, angles_rad: FloatArray | None
-    ) -> HeadObservation:
+    def to_base(self, seen: HeadObservation, geometry: Geometry, angles_rad: FloatArray | None) -> HeadObservation:
         """Transform an observation to the base frame.
 
         Args:
-            observation: In the sensor's frame, see `in_sensor`.
+            seen: In the sensor's frame, see `in_sensor`.
             geometry: The neck's geometry.
             angles_rad: Angles of all joints when the frame was captured, shape (N,), radians; only needed for a sensor
                 that moves.
@@ -103,14 +101,14 @@ class Mount(Settings):
             ValueError: If the sensor moves and the angles are None.
         """
         if not self.moves and not any(self.position_m + self.roll_pitch_yaw_deg):
-            return replace(observation)  # runs the validation again, as a source may bypass it
+            return replace(seen)  # runs the validation again, as a source may bypass it
         turn, shift_m = self.turn, np.array(self.position_m)
         if self.moves:
             if angles_rad is None:
                 raise ValueError(f"the sensor moves with the {self.on}, whose angles at the capture time are unknown")
             carrier, origin_m = (eye_in_base if self.on == "eye" else head_in_base)(geometry, angles_rad)
             turn, shift_m = carrier * turn, origin_m + carrier.apply(shift_m)
-        return moved(observation, turn, shift_m)
+        return moved(seen, turn, shift_m)
 
 
 def moved(observation: HeadObservation, turn: Rotation, shift_m: FloatArray) -> HeadObservation:

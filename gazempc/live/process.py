@@ -53,9 +53,8 @@ def stopped_by_signals(stop: threading.Event) -> Iterator[None]:
             for each in before:
                 signal.signal(each, signal.SIG_DFL)
 
-    numbers = (
-        (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if threading.current_thread() is threading.main_thread() else ()
-    )
+    is_main = threading.current_thread() is threading.main_thread()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if is_main else ()
     before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield

@@ -18,7 +18,7 @@ from gazempc.results.moments import EventMoment, LateMoment, Moment, StatusMomen
 # Period of lines, and averaging time of rates.
 _LINE_S = 1.0
 # Timeout of the last lines, which take milliseconds.
-LAST_DRAWN_S = 2.0
+_LAST_S = 2.0
 # Length of the queue for a blocked terminal or pipe: some 15 s at 200 Hz.
 _WAITING = 5000
 
@@ -34,7 +34,7 @@ class StatusLine:
     """
 
     def __init__(
-        self, neck: NeckSpec, lost_after_s: float, file: TextIO | None = None, wait_s: float = LAST_DRAWN_S
+        self, neck: NeckSpec, lost_after_s: float, file: TextIO | None = None, wait_s: float = _LAST_S
     ) -> None:
         self._neck, self._lost_after_s, self._wait_s = neck, lost_after_s, wait_s
         self._file = file or sys.stdout

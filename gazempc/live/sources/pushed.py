@@ -20,12 +20,8 @@ from predictors import HeadObservation
 _WAITING_MAX = 1024
 # Difference from the present time that indicates a stamp of another clock or unit.
 _OTHER_CLOCK_S = 3600.0
-_QUATERNION = (4,), "a unit quaternion w, x, y, z"
-_SHAPES: dict[str, tuple[tuple[int, ...], str]] = {
-    "head_quat_wxyz": _QUATERNION,
-    "pelvis_quat_wxyz": _QUATERNION,
-    "covariance_m2": ((3, 3), "a covariance in square metres"),
-}
+_QUATERNION, _COVARIANCE = ((4,), "a unit quaternion w, x, y, z"), ((3, 3), "a covariance in square metres")
+_SHAPES = {"head_quat_wxyz": _QUATERNION, "pelvis_quat_wxyz": _QUATERNION, "covariance_m2": _COVARIANCE}
 
 
 class Stated(TypedDict, total=False):

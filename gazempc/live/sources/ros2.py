@@ -73,11 +73,9 @@ class Ros2Source(ABC):
         # Messages with frames that may be unknown yet, each with its timeout.
         self._waiting: list[tuple[Any, float]] = []
 
-    def _placed(
-        self, arrived: Iterable[Any], take: Callable[[Any], _T | None], named: Callable[[Any], str]
-    ) -> list[_T]:
+    def _placed(self, new: Iterable[Any], take: Callable[[Any], _T | None], named: Callable[[Any], str]) -> list[_T]:
         """As `_used`, for new and pending messages; a message in a frame unknown to tf remains pending."""
-        waiting = [*self._waiting, *((message, self._now_s + _WAITS_S) for message in arrived)][-_WAITING_MAX:]
+        waiting = [*self._waiting, *((message, self._now_s + _WAITS_S) for message in new)][-_WAITING_MAX:]
         self._waiting = []
         return [found for message, until_s in waiting for found in self._used([message], take, named(message), until_s)]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,11 +14,10 @@ import numpy as np
 from gazempc.errors import SettingsError
 from gazempc.live.process import start_child
 from gazempc.live.settings import LiveSettings
-from gazempc.live.setup import LiveSetup
+from gazempc.live.setup import LiveSetup, TrueHeadAt
 from gazempc.live.sources.camera.source import CameraSource
 from gazempc.live.view.serving import ViewOrders, serve
 from gazempc.results.moments import CutMoment, Moment, StatusMoment, TickMoment
-from gazempc.types import FloatArray
 
 # Timeout of its start: imports are slow on a busy computer.
 _READY_WITHIN_S = 60.0
@@ -53,12 +51,7 @@ class Feed:
         SettingsError: If a task is impossible.
     """
 
-    def __init__(
-        self,
-        orders: ViewOrders,
-        true_head_base_m: Callable[[FloatArray], FloatArray] | None = None,
-        waits: bool = False,
-    ) -> None:
+    def __init__(self, orders: ViewOrders, true_head_base_m: TrueHeadAt | None = None, waits: bool = False) -> None:
         self._true_head_base_m, self._waits = true_head_base_m, waits
         self.files = () if orders.layout is None else (orders.layout.name,)
         self._waiting: deque[Moment | Path] = deque()

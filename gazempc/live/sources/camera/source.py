@@ -247,9 +247,7 @@ class CameraSource:
             if isinstance(message, PictureMoment) and self.watch is not None:
                 self.watch(message._replace(time_s=to_loop_s(message.time_s)))
         seen = [each for each in messages if isinstance(each, HeadObservation)]
-        problems = [
-            each.why if isinstance(each, Failed) else each for each in messages if isinstance(each, str | Failed)
-        ]
+        problems = [one.why if isinstance(one, Failed) else one for one in messages if isinstance(one, str | Failed)]
         return Arrived(
             tuple(Sighting(now_s, replace(each, capture_time_s=to_loop_s(each.capture_time_s))) for each in seen),
             tuple(filter(None, problems)),
