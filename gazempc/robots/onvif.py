@@ -169,9 +169,9 @@ def _login(options: OnvifOptions) -> tuple[str, str]:
     if options.login is None:
         return os.environ.get("GAZEMPC_ONVIF_USER", ""), os.environ.get("GAZEMPC_ONVIF_PASSWORD", "")
     try:
-        lines = options.login.read_text(encoding="utf-8").splitlines()[:2]
+        user, password = options.login.read_text(encoding="utf-8").splitlines()[:2]
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsError(f"options.onvif.login: {options.login} cannot be read ({type(error).__name__})") from None
-    if len(lines) < 2:
-        raise SettingsError(f"options.onvif.login: {options.login}: expected two lines, user and password")
-    return lines[0].strip(), lines[1].strip()
+    except ValueError:
+        raise SettingsError(f"options.onvif.login: {options.login}: expected two lines, user and password") from None
+    return user.strip(), password.strip()

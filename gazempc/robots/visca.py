@@ -251,11 +251,9 @@ class ViscaDevice:
 
     def _start_guard(self) -> None:
         # VISCA moves have no timeout: after a kill of the run the camera would keep turning.
-        packets = (
-            wire.pack(wire.CONTROL, 0, wire.RESET).hex(),
-            wire.pack(wire.COMMAND, 1, wire.drive_payload(0, 0)).hex(),
-        )
-        words = [sys.executable, "-I", "-S", "-c", _GUARD, self._link.host, str(self._link.port), *packets]
+        packets = wire.pack(wire.CONTROL, 0, wire.RESET), wire.pack(wire.COMMAND, 1, wire.drive_payload(0, 0))
+        address = self._link.host, str(self._link.port)
+        words = [sys.executable, "-I", "-S", "-c", _GUARD, *address, *map(bytes.hex, packets)]
         self._guard = subprocess.Popen(words, stdin=subprocess.PIPE, start_new_session=True)
 
 
