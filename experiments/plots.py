@@ -12,9 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from gazempc.results.figures.style import COLOURS, DPI, readable, series_look
+from gazempc.results.figures.style import COLOURS, DPI, readable
 from gazempc.results.page.content import Chart, Curve
 from gazempc.types import FloatArray
+
+# Dashes and gaps of lines that share a colour, such as those of predictors or necks, and their markers.
+_GAPS = ((4, 1.5), (1, 1.2), (6, 1.5, 1, 1.5), (8, 3), (3, 1, 1, 1, 1, 1), (2, 3), (10, 2, 2, 2))
+_LINES: tuple[Any, ...] = ("-", *((0, gaps) for gaps in _GAPS))
+_MARKERS = "os^DvP*X"
 
 
 @dataclass(frozen=True)
@@ -90,14 +95,14 @@ def draw(
 
 
 def _draw_line(ax: Axes, line: Line, index: int, plot: Plot) -> None:
-    look = series_look(index)
+    dashes, shape = _LINES[index % len(_LINES)], _MARKERS[index % len(_MARKERS)]
     # Horizontal offset within a category, so that intervals do not overlap.
     x = line.x + (0.12 * (index - (len(plot.curves) - 1) / 2) if plot.ticks else 0.0)
-    style = "" if plot.ticks or len(line.x) == 1 else look.line
-    marker = "" if line.ends is None and line.beside is None else look.marker
+    style = "" if plot.ticks or len(line.x) == 1 else dashes
+    marker = "" if line.ends is None and line.beside is None else shape
     ax.plot(x, line.y, ls=style, marker=marker, ms=4, color=line.colour, label=line.label)
     if line.beside is not None:
-        ax.plot(*line.beside.T, ls="", marker=look.marker, ms=4, color=line.colour, alpha=0.35)
+        ax.plot(*line.beside.T, ls="", marker=shape, ms=4, color=line.colour, alpha=0.35)
     if line.ends is not None:
         ax.vlines(x, *line.ends.T, color=line.colour, lw=1.0)
 

@@ -20,8 +20,7 @@ from gazempc.command import TYRO_CONFIG, run_interruptible
 from gazempc.errors import importing
 from gazempc.files.whole import whole
 from gazempc.results.log import Log
-from gazempc.results.log_files import load_log
-from gazempc.results.mcap import write_mcap
+from gazempc.results.log_files import load_log, write_mcap
 from gazempc.results.tables import Columns, log_tables
 
 

@@ -32,9 +32,8 @@ from gazempc.recordings.synthetic.everyday import ACTIVITIES, everyday_names
 from gazempc.recordings.synthetic.walks import synthetic_names
 from gazempc.results.attention import attention_lines, measure_attention
 from gazempc.results.log import Log
-from gazempc.results.log_files import has_log, load_log
-from gazempc.results.mcap import write_mcap
-from gazempc.results.run_summary import faults, label, write_summary
+from gazempc.results.log_files import has_log, load_log, write_mcap
+from gazempc.results.run_summary import label, write_summary
 from gazempc.results.table import Repeats, measured_again, sentence, table
 from gazempc.run_settings import RunSettings, config_path, load_settings
 from gazempc.signals import Interrupted
@@ -157,7 +156,7 @@ def _replay(scene: Scene, settings: RunSettings, out: Path, command: str, progre
         "scored_against": against or "the true head",
         "notes": notes,
         "settings": shown,
-        "faults": {name: faults(log) for name, log in logs.items()},
+        "faults": {name: [vars(fault) for fault in log.faults] for name, log in logs.items()},
         "noise": {"seeds": seeds, "rows": [r.as_dict() for r in repeats], "faults": done.faults},
     }
     if settings.several:

@@ -13,7 +13,7 @@ from gazempc.recordings.load import load
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
 from gazempc.results.metrics import measure
-from gazempc.results.run_summary import faults, measure_compute, without_nan
+from gazempc.results.run_summary import measure_compute, without_nan
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
 from gazempc.sim.scene import make_scene
 from gazempc.sim.sensor import SensorSpec, default_sensor
@@ -71,7 +71,7 @@ class ReplayJob:
         except LeftOutError as error:
             return labels | {"left_out": str(error)}
         names = {"controller_name": done.log.run.controller, "predictor_name": done.log.run.predictor}
-        survived = {"faults": faults(done.log)} if done.log.faults else {}
+        survived = {"faults": [vars(fault) for fault in done.log.faults]} if done.log.faults else {}
         return labels | names | metrics_of(done) | survived
 
 

@@ -17,7 +17,7 @@ from experiments.rivals.trials import ALONE, LOSS, POSTURES, STILL, TRIALS, WALK
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
 from gazempc.results.contact import CONTACT_DEG
-from gazempc.results.figures.style import style
+from gazempc.results.figures.style import styles
 from gazempc.results.page.content import PageTable
 from gazempc.sim.sensor import SensorSpec
 
@@ -287,7 +287,7 @@ def contact_plots(rows: Sequence[Row]) -> list[Plot]:
         rows: Rows of `summarise`, of one sensor.
     """
     colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(NAMES)}
-    colours |= {f"ours: {name}": style(name).colour for name in OURS}
+    colours |= {f"ours: {name}": look.colour for name, look in styles(OURS).items()}
     walks = sorted((row for row in rows if row["trial"] == ALL_WALKS), key=lambda row: NAMES.index(row["rival"]))
     plots = []
     for (neck,), of_neck in grouped(walks, "neck").items():

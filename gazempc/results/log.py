@@ -11,6 +11,7 @@ from typing import Annotated, Any, BinaryIO, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from gazempc.errors import importing
 from gazempc.files.whole import write_whole
 from gazempc.neck.spec import NeckSpec
 from gazempc.results.tables import LogFrames, log_tables
@@ -191,12 +192,10 @@ class Log:
             The tables; `run` and `faults` are not in them.
 
         Raises:
-            ImportError: If pandas is not installed (extra ``pandas``).
+            MissingOptionalDependencyError: If pandas is not installed (extra ``pandas``).
         """
-        try:
-            import pandas as pd  # noqa: PLC0415  (optional)
-        except ImportError:
-            raise ImportError('tables of a log need pandas: pip install -e ".[pandas]"') from None
+        with importing("tables of a log", "pandas", "pandas"):
+            import pandas as pd  # noqa: PLC0415
         return LogFrames(**{name: pd.DataFrame(columns) for name, columns in log_tables(vars(self)).items()})
 
 
@@ -235,12 +234,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
     Returns:
         One log; an event that spans a boundary begins again after it.
-
-    Raises:
-        ValueError: If there is no log.
     """
-    if not logs:
-        raise ValueError("no logs to join; expected at least one")
     joined: dict[str, Any] = {
         f.name: np.concatenate([getattr(log, f.name) for log in logs]) for f in fields(Log) if f.name not in _ONCE
     }

@@ -1,10 +1,15 @@
-"""Reads a log from an .npz or MCAP file, and validates its arrays."""
+"""Reads a log from an .npz or MCAP file, and validates its arrays; writes it as MCAP.
+
+An MCAP file has channels for viewers, and the whole log, exact to the last bit, as an attachment. It is written with
+foxglove-sdk and read with the `mcap` library; both are in the extra ``view``.
+"""
 
 from __future__ import annotations
 
 import io
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -15,7 +20,9 @@ from pydantic import ValidationError
 from gazempc.errors import SettingsError, importing, shown
 from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
+from gazempc.files.whole import whole
 from gazempc.results.log import FORECAST_HORIZONS_S, Fault, Log, RunInfo
+from gazempc.results.moments import PlanMoment, moments_of
 
 _REASON_SHOWN = 400
 # Plausibility bound, beyond any Unix time or position: squares of larger numbers may overflow.
@@ -190,3 +197,28 @@ def load_log(path: Path | str) -> Log:
     for name, (old, new) in _RENAMED.items():
         values[name] = np.where(values[name] == old, new, values[name])
     return Log(**{name: values[name] for name in wanted})
+
+
+def write_mcap(log: Log, path: Path | str, plans: Sequence[PlanMoment] = ()) -> None:
+    """Write a log as MCAP.
+
+    The channels are those of `gazempc.results.mcap_channels.Channels`. A log has neither plans, lateness nor pictures.
+
+    Args:
+        log: The log.
+        path: File to write; an existing one is replaced.
+        plans: The plans of the run, if available.
+
+    Raises:
+        MissingOptionalDependencyError: If a package is missing.
+        SettingsError: If the file cannot be written.
+    """
+    with importing("writing MCAP files", "foxglove-sdk", "view"):
+        from gazempc.results.mcap_channels import Channels, McapWriter  # noqa: PLC0415
+    buffer = io.BytesIO()
+    log.save(buffer)
+    with whole(Path(path)) as part, closing(McapWriter(log.run, part)) as writer:
+        channels = Channels(log.run, writer.context)
+        for moment in moments_of(log, plans):
+            channels.write(moment)
+        writer.attach(buffer.getvalue())

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from gazempc.results.log import Log
 from gazempc.types import FloatArray, JointState
 
 
@@ -156,15 +160,36 @@ class CutMoment(NamedTuple):
     """Boundary between two logs."""
 
 
-Moment = (
-    TickMoment
-    | JointsMoment
-    | SeenMoment
-    | PlanMoment
-    | EventMoment
-    | AttendedMoment
-    | LateMoment
-    | PictureMoment
-    | StatusMoment
-    | CutMoment
-)
+# Those of a log and of its plans.
+LoggedMoment = TickMoment | SeenMoment | PlanMoment | EventMoment | AttendedMoment
+Moment = LoggedMoment | JointsMoment | LateMoment | PictureMoment | StatusMoment | CutMoment
+
+
+def moments_of(log: Log, plans: Sequence[PlanMoment] = ()) -> list[LoggedMoment]:
+    """Moments of a run, from its log.
+
+    Args:
+        log: The log. Plans, lateness and pictures are not in it.
+        plans: The plans of the run in temporal order, if available.
+
+    Returns:
+        The moments in temporal order.
+    """
+    texts = {fault.event: fault.line for fault in log.faults}
+    rows = zip(log.attended_time_s.tolist(), log.attended_person.tolist(), log.attended_why.tolist(), strict=True)
+    found: list[LoggedMoment] = [AttendedMoment(*row) for row in rows]
+    for k, time_s in enumerate(log.arrival_time_s.tolist()):
+        forecast = log.forecast_mean_base_m[k], log.forecast_covariance_m2[k], float(log.forecast_degrees_of_freedom[k])
+        observed = float(log.capture_time_s[k]), log.head_observed_base_m[k], None, str(log.person_id[k])
+        found.append(SeenMoment(time_s, *observed, *forecast, log.forecast_true_base_m[k]))
+    events = zip(log.event_time_s.tolist(), log.event_name.tolist(), strict=True)
+    found += [EventMoment(time_s, name, texts.get(name, name)) for time_s, name in events]
+    found += plans
+    commands = np.stack([log.command_position_rad, log.command_velocity_rad_s, log.command_acceleration_rad_s2], axis=2)
+    for k, (time_s, motions) in enumerate(zip(log.time_s.tolist(), commands.tolist(), strict=True)):
+        joints = JointState(float(log.joint_time_s[k]), log.joint_position_rad[k], log.joint_velocity_rad_s[k])
+        known = joints if np.isfinite(joints.position_rad).all() else None
+        sent = tuple(map(tuple, motions))
+        found.append(TickMoment(time_s, known, log.command_position_rad[k], sent, log.head_true_base_m[k]))
+    # Stable: of one time, a tick comes last.
+    return sorted(found, key=lambda each: each.time_s)

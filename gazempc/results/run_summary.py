@@ -16,7 +16,7 @@ import numpy as np
 from gazempc.files.whole import write_whole
 from gazempc.parts import TRUE_FUTURE
 from gazempc.results.contact import of_known
-from gazempc.results.log import ComputeTimes, Log
+from gazempc.results.log import ComputeTimes
 from gazempc.results.metrics import Metrics, gap_closed
 
 
@@ -106,18 +106,6 @@ def make_rows(results: list[tuple[str, str, Metrics, ComputeMetrics]]) -> list[R
         Row(controller, predictor, metrics, compute, gap_closed(metrics.gaze_error_rms_deg, reactive, perfect))
         for controller, predictor, metrics, compute in results
     ]
-
-
-def faults(log: Log) -> list[dict[str, Any]]:
-    """The exceptions caught in a run, in the format of `summary.json`.
-
-    Args:
-        log: The run.
-
-    Returns:
-        Name, count, first exception and its traceback of each event.
-    """
-    return [dict(vars(fault)) for fault in log.faults]
 
 
 def versions() -> dict[str, str]:

@@ -10,7 +10,7 @@ from typing import Any
 from gazempc.command import Progress
 from gazempc.results.metrics import measure
 from gazempc.results.moments import Moment, PlanMoment
-from gazempc.results.run_summary import Row, faults, make_rows, measure_compute
+from gazempc.results.run_summary import Row, make_rows, measure_compute
 from gazempc.results.table import Repeats, by_controller
 from gazempc.signals import Interrupted
 from gazempc.sim.replay import Replayed, ReplaySettings, replay_scene
@@ -83,7 +83,7 @@ def replay_repeatedly(
             for name, found, planned in _replay_each(replace(scene, seed=seed), settings, controllers, progress):
                 replayed[name] = found
                 plans.setdefault(name, planned)
-            if of_seed := {name: faults(log) for name, (log, _) in replayed.items() if log.faults}:
+            if of_seed := {name: [*map(vars, log.faults)] for name, (log, _) in replayed.items() if log.faults}:
                 survived[seed] = of_seed
             rounds.append(_rows(replayed, scene.neck.control_period_s))
     except Interrupted as stop:

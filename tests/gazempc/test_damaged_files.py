@@ -27,8 +27,7 @@ from gazempc.recordings.load import load
 from gazempc.recordings.readers.checks import MOST_DURATION_S, MOST_EXTENT_M
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording
-from gazempc.results.log_files import load_log
-from gazempc.results.mcap import write_mcap
+from gazempc.results.log_files import load_log, write_mcap
 from gazempc.results.table import measured_again
 from gazempc.run_settings import load_settings
 from gazempc.sim.sensor import load_sensor

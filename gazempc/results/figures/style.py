@@ -54,42 +54,12 @@ class Style:
     width: float
 
 
-@dataclass(frozen=True)
-class SeriesLook:
-    """Style of lines that share a colour, such as those of predictors or necks.
-
-    Attributes:
-        line: Line style of matplotlib.
-        marker: Marker.
-    """
-
-    line: Any
-    marker: str
-
-
-# The first one is used for a single series.
-_SERIES = (
-    SeriesLook("-", "o"),
-    SeriesLook((0, (4, 1.5)), "s"),
-    SeriesLook((0, (1, 1.2)), "^"),
-    SeriesLook((0, (6, 1.5, 1, 1.5)), "D"),
-    SeriesLook((0, (8, 3)), "v"),
-    SeriesLook((0, (3, 1, 1, 1, 1, 1)), "P"),
-    SeriesLook((0, (2, 3)), "*"),
-    SeriesLook((0, (10, 2, 2, 2)), "X"),
-)
-
 _STYLES = {
     "reactive": Style(LABELS["reactive"], "#D55E00", 2.0),
     "lookahead": Style(LABELS["lookahead"], "#56B4E9", 2.8),
     "mpc": Style(LABELS["mpc"], "#0072B2", 1.6),
     TRUE_FUTURE: Style(LABELS[TRUE_FUTURE], "#CC79A7", 1.6),
 }
-
-
-def style(controller: str) -> Style:
-    """Style of a controller; a user-defined one keeps its name, which determines its colour."""
-    return styles([controller])[controller]
 
 
 def styles(controllers: Iterable[str]) -> dict[str, Style]:
@@ -109,11 +79,6 @@ def styles(controllers: Iterable[str]) -> dict[str, Style]:
         own = next((colour for colour in order if colour not in taken), order[0])
         found[name] = _STYLES.get(name) or Style(name, own, 1.6)
     return found
-
-
-def series_look(index: int) -> SeriesLook:
-    """Style of the index-th line, point or bar; repeats from the ninth on."""
-    return _SERIES[index % len(_SERIES)]
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +66,6 @@ def joints_chart(log: Log) -> Chart:
     return Chart("Joints over time", "time (s)", "angle (deg)", curves, spans=spans)
 
 
-# Maximum number of rows; the log contains all.
-_MOST_ROWS = 40
-
-
 def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
     """Attended people, and metrics of attention.
 
@@ -82,7 +77,7 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
     """
     if not people.has_attention(logs):
         return ()
-    found = [asdict(measure_attention(log)) for log in logs.values()]
+    found = [vars(measure_attention(log)) for log in logs.values()]
     known = [name for name in WORDS if any(np.isfinite(each[name]) for each in found)]
     shown = {name: [f"{WORDS[name][1] * each[name]:.3g}".replace("nan", "-") for each in found] for name in known}
     rows = tuple((WORDS[name][0], *cells) for name, cells in shown.items())
@@ -91,9 +86,7 @@ def people_tables(logs: Mapping[str, Log]) -> tuple[PageTable, ...]:
     attended = [(turn.from_s, turn.to_s, turn.texts[0]) for turn in people.turns(log)]
     away = [(from_s, to_s, f"looks away: {why}") for from_s, to_s, why in people.looks_away(log)]
     lines = tuple((f"{from_s:.2f}", f"{to_s:.2f}", what) for from_s, to_s, what in sorted(attended + away))
-    note = f"The first {_MOST_ROWS} of {len(lines)}; all are in the log." if len(lines) > _MOST_ROWS else ""
-    heading = f"Attended person: {label(name)}"
-    return of_each, PageTable(heading, ("from [s]", "to [s]", ""), lines[:_MOST_ROWS], note)
+    return of_each, PageTable(f"Attended person: {label(name)}", ("from [s]", "to [s]", ""), lines)
 
 
 # Pictures of a run, in reading order.

@@ -22,8 +22,7 @@ from gazempc.loop.events import MEANINGS
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray, head_angles_rad
 from gazempc.results.attention import measure_attention
 from gazempc.results.log import Fault, Log, join_logs, merge_faults
-from gazempc.results.log_files import has_log
-from gazempc.results.mcap import write_mcap
+from gazempc.results.log_files import has_log, write_mcap
 from gazempc.results.metrics import gaze_error_deg
 from gazempc.results.page.run_page import unusual_of
 from gazempc.run import main as run_main

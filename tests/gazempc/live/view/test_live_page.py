@@ -18,8 +18,7 @@ from gazempc.live.view.serving import ViewOrders
 from gazempc.live.view.viewers import Feed
 from gazempc.live.view.web import Snapshots, WebPage
 from gazempc.neck.kinematics import gaze_error_rad
-from gazempc.results.mcap import moments_of
-from gazempc.results.moments import EventMoment, PictureMoment, PlanMoment, SeenMoment, TickMoment
+from gazempc.results.moments import EventMoment, PictureMoment, PlanMoment, SeenMoment, TickMoment, moments_of
 
 
 @pytest.fixture(scope="module")

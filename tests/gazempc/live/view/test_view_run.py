@@ -22,9 +22,8 @@ from gazempc.live.session import main, parse
 from gazempc.live.view.serving import ViewOrders
 from gazempc.live.view.viewers import Feed
 from gazempc.recordings.load import load
-from gazempc.results.mcap import moments_of
 from gazempc.results.metrics import gaze_error_deg
-from gazempc.results.moments import CutMoment, EventMoment
+from gazempc.results.moments import CutMoment, EventMoment, moments_of
 
 QUICK = ["--source", "replay:subject03_R4", "--predictor", "constant_velocity", "--controller", "lookahead"]
 
