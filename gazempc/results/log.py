@@ -18,6 +18,8 @@ from gazempc.results.tables import LogFrames, log_tables
 from gazempc.types import BoolArray, FloatArray, IntArray, StringArray
 
 FORECAST_HORIZONS_S = (0.25, 0.5, 1.0)
+# Name of a log in an MCAP file.
+ATTACHMENT = "log.npz"
 
 
 class RunInfo(BaseModel):

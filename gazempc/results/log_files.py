@@ -21,7 +21,7 @@ from gazempc.errors import SettingsError, importing, shown
 from gazempc.files.bounds import check_file
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import whole
-from gazempc.results.log import FORECAST_HORIZONS_S, Fault, Log, RunInfo
+from gazempc.results.log import ATTACHMENT, FORECAST_HORIZONS_S, Fault, Log, RunInfo
 from gazempc.results.moments import PlanMoment, moments_of
 
 _REASON_SHOWN = 400
@@ -32,7 +32,6 @@ _LONGEST_GAP_S = 60.0
 _FINITE = ("time_s", "command_position_rad", "capture_time_s", "arrival_time_s", "event_time_s")
 # The first bytes of every MCAP file.
 MAGIC = b"\x89MCAP0\r\n"
-ATTACHMENT = "log.npz"
 # Names of attachments are in the summary at the end of a file.
 _SUMMARY_BYTES = 2**20
 NEEDS_VIEW = 'MCAP files need more packages: pip install -e ".[view]"'

@@ -16,8 +16,7 @@ from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.results import mcap_scene as scene
 from gazempc.results import moments
-from gazempc.results.log import FORECAST_HORIZONS_S, RunInfo
-from gazempc.results.log_files import ATTACHMENT
+from gazempc.results.log import ATTACHMENT, FORECAST_HORIZONS_S, RunInfo
 from gazempc.results.tables import FORECAST_COLUMNS, OBSERVATION_COLUMNS, tick_columns
 from gazempc.types import FloatArray, JointState
 
