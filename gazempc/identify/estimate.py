@@ -129,14 +129,16 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
         IdentificationError: If the data are insufficient.
     """
     name = record.neck().joint_names[index]
-    data = _prepare_axis(record, index)
-    starts = _scan(data, dead_time_max_s)
+    command_time_s, command, time_s, measured, misread = _prepare_axis(record, index)
+    # About 1000 readings suffice.
+    thinned = slice(None, None, max(1, time_s.size // 1000))
+    starts = _scan(ServoModel(command_time_s, command, time_s[thinned]), measured[thinned], dead_time_max_s)
     # Unknown commands before the record act until one dead time after its first command.
-    known = data.time_s >= data.command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
-    if np.count_nonzero(known) < _FEWEST_READINGS or float(np.ptp(data.measured_rad[known])) < 1e-9:
+    known = time_s >= command_time_s[0] + min(starts[0][0] + 0.05, dead_time_max_s)
+    time_s, measured = time_s[known], measured[known]
+    if time_s.size < _FEWEST_READINGS or float(np.ptp(measured)) < 1e-9:
         raise IdentificationError(f"{name}: too few readings after the first command can have acted: record longer")
-    time_s, measured = data.time_s[known], data.measured_rad[known]
-    model = ServoModel(data.command_time_s, data.command_rad, time_s)
+    model = ServoModel(command_time_s, command, time_s)
 
     def fitted_to(values: FloatArray) -> tuple[FloatArray, float]:
         wn, zeta = math.exp(values[1]), math.exp(values[2])
@@ -160,7 +162,7 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
         fit_percent=100.0 * (1.0 - math.sqrt(error_deg2 / float(np.var(np.rad2deg(measured))))),
         residual_rms_deg=math.sqrt(error_deg2),
         structured_rms_deg=math.sqrt(max(error_deg2 - noise_deg2, 0.0)),
-        misread=data.misread,
+        misread=misread,
         time_s=time_s,
         measured_rad=measured,
         model_rad=fitted,
@@ -170,17 +172,13 @@ def estimate_axis(record: NeckRecord, index: int, dead_time_max_s: float = 1.5) 
     return replace(estimate, doubts=_doubts(estimate, best.values, low, high), dead_time_s=Interval(*ends_s))
 
 
-def _scan(data: _AxisData, dead_time_max_s: float) -> list[tuple[float, float, float]]:
+def _scan(model: ServoModel, measured: FloatArray, dead_time_max_s: float) -> list[tuple[float, float, float]]:
     """Initial values of the fit, best first.
 
     Cross-correlation of the measured motion with the responses of servos of several bandwidths, at all lags; only local
     maxima over the dead time are used.
     """
     lags_s = np.arange(0.0, dead_time_max_s, _SCAN_STEP_S)
-    # About 1000 readings suffice.
-    thinned = slice(None, None, max(1, data.time_s.size // 1000))
-    model = ServoModel(data.command_time_s, data.command_rad, data.time_s[thinned])
-    measured = data.measured_rad[thinned]
     found: list[tuple[float, tuple[float, float, float]]] = []
     for wn in (4.0, 8.0, 15.0, 30.0, 60.0):
         motion = model.motion(wn, _SCAN_DAMPING)
@@ -205,14 +203,13 @@ def _intervals(best: Fit) -> dict[str, Interval]:
     wn, zeta = math.exp(log_wn), math.exp(log_zeta)
     step = 1e-5
     slope = math.log(bandwidth_hz(wn, zeta * math.exp(step)) / bandwidth_hz(wn, zeta * math.exp(-step))) / (2 * step)
-    combinations = {
-        "natural_frequency_rad_s": (wn, (1.0, 0.0)),
-        "damping_ratio": (zeta, (0.0, 1.0)),
-        "bandwidth_hz": (bandwidth_hz(wn, zeta), (1.0, slope)),
-        "servo_lag_s": (2 * zeta / wn, (-1.0, 1.0)),
-    }
     found = {"dead_time_s": Interval.around(dead_time_s, half_s)}
-    for name, (value, gradient) in combinations.items():
+    for name, value, gradient in (
+        ("natural_frequency_rad_s", wn, (1.0, 0.0)),
+        ("damping_ratio", zeta, (0.0, 1.0)),
+        ("bandwidth_hz", bandwidth_hz(wn, zeta), (1.0, slope)),
+        ("servo_lag_s", 2 * zeta / wn, (-1.0, 1.0)),
+    ):
         variance = float(np.array(gradient) @ best.covariance[1:, 1:] @ np.array(gradient))
         # At least the numerical precision of the model; bounded, to avoid overflow of the exponential.
         half = min(max(Z_95 * math.sqrt(max(variance, 0.0)), 1e-3), 50.0)
@@ -247,27 +244,20 @@ def _doubts(estimate: AxisEstimate, values: FloatArray, low: Sequence[float], hi
     return tuple(f"{estimate.axis}: {doubt}" for doubt in found)
 
 
-@dataclass(frozen=True)
-class _AxisData:
-    """One joint of a record, with finite values at increasing times.
+def _prepare_axis(record: NeckRecord, index: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, int]:
+    """Extract one axis from a record: finite values at increasing times.
 
-    Attributes:
-        command_time_s: Send times of the commands, shape (K,), seconds.
-        command_rad: Shape (K,), radians.
-        time_s: Measurement times, shape (N,), seconds.
-        measured_rad: Shape (N,), radians.
-        misread: Number of removed outliers.
+    Args:
+        record: Commands and angles.
+        index: Index of the joint.
+
+    Returns:
+        Send times of the commands and commands, shape (K,), measurement times and angles, shape (N,), seconds and
+        radians; number of removed outliers.
+
+    Raises:
+        IdentificationError: If the data are insufficient.
     """
-
-    command_time_s: FloatArray
-    command_rad: FloatArray
-    time_s: FloatArray
-    measured_rad: FloatArray
-    misread: int
-
-
-def _prepare_axis(record: NeckRecord, index: int) -> _AxisData:
-    """Extract one axis from a record; `IdentificationError` if the data are insufficient."""
     neck = record.neck()
     name, axis = neck.joint_names[index], neck.axes[index]
 
@@ -303,7 +293,7 @@ def _prepare_axis(record: NeckRecord, index: int) -> _AxisData:
     if moved_deg < 0.2 * command_deg:
         moves = f"the command moved over {command_deg:.1f} deg, the joint over {moved_deg:.1f} deg"
         raise refuse(moves, "check that its motor is on, and that the angles are in radians and of this axis")
-    return _AxisData(command_time_s, command, time_s, measured, int(wild.sum()))
+    return command_time_s, command, time_s, measured, int(wild.sum())
 
 
 def _advancing(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:

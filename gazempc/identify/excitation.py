@@ -125,7 +125,7 @@ def _steps(neck: NeckSpec, axis: int, amplitude: float, samples: int, rng: np.ra
     at, count, targets = 0.0, 0, cycle(_TARGETS)
     while True:
         target = amplitude * next(targets)
-        hold = np.full(round(rng.uniform(*(0.25, 0.8)) * neck.servo_rate_hz), target)
+        hold = np.full(round(rng.uniform(0.25, 0.8) * neck.servo_rate_hz), target)
         step = np.concatenate([_move(neck, axis, at, target, 1.0), hold])
         home = _move(neck, axis, target, 0.0, 1.0)
         if count + len(step) + len(home) > round(0.45 * samples):

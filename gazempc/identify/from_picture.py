@@ -270,12 +270,10 @@ def option_words(robot: str, options: RobotOptions, axes: Sequence[TurnedAxis]) 
     if not isinstance(given, ViscaOptions | OnvifOptions):
         return []
     signs = tuple(old * axis.picture.sign for old, axis in zip(given.directions, axes, strict=True))
-    given, words = given.model_copy(update={"directions": signs}), list[str]()
-    for name, field_info in type(given).model_fields.items():
-        value = getattr(given, name)
-        if value != field_info.default:
-            values = value if isinstance(value, tuple | list) else (value,)
-            words += [f"--options.{kind}.{name.replace('_', '-')}", *map(str, values)]
+    words = list[str]()
+    for name, value in given.model_copy(update={"directions": signs}).model_dump(exclude_defaults=True).items():
+        values = value if isinstance(value, tuple | list) else (value,)
+        words += [f"--options.{kind}.{name.replace('_', '-')}", *map(str, values)]
     return words
 
 

@@ -32,18 +32,18 @@ import tyro
 from pydantic import Field
 
 from gazempc.command import TYRO_CONFIG, Progress, run_command
-from gazempc.errors import GazempcError, SettingsError
+from gazempc.errors import GazempcError, RobotError, SettingsError
 from gazempc.files.whole import write_whole
 from gazempc.identify.excitation import ExcitationSettings, excite, moving_joints
 from gazempc.identify.new_neck import DataSheet, write_new_neck
-from gazempc.identify.record import IdentificationError, NeckRecord, called, load_record, record
+from gazempc.identify.record import IdentificationError, NeckRecord, load_record, record
 from gazempc.identify.urdf import read_urdf
 from gazempc.live.clock import Clock, RealClock, SimulatedClock
 from gazempc.live.robots import first_position_rad, go_in, keeps_any_clock, make_robot
 from gazempc.live.sources.camera.capture import CameraOptions
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, take_options
-from gazempc.parts import ROBOT
+from gazempc.parts import ROBOT, error_line
 from gazempc.results.log_files import load_log
 from gazempc.robots.options import RobotChoice, RobotOptions
 
@@ -218,7 +218,27 @@ def _record(settings: IdentifySettings, progress: Progress) -> tuple[NeckRecord,
         accepted = 'command = "position" and reports_joints = true, or --source camera:URL'
         raise SettingsError(f"neck {neck.name!r}: needs position commands and encoders; accepted: {accepted}")
     # A simulated neck runs on a simulated clock, faster than real time.
-    taken = _excite(robot, settings, neck, SimulatedClock() if simulated else RealClock(), progress)
+    clock: Clock = SimulatedClock() if simulated else RealClock()
+    with closing(make_robot(robot, settings.options, neck, clock, neck.rest_rad, settings.seed)) as moved:
+        try:
+            moved.connect()
+        except (GazempcError, OSError):
+            raise
+        except Exception as error:
+            raise RobotError(f"connect() raised {error_line(error)}") from error
+        # Never set: only an exception ends the wait or the motion.
+        never = threading.Event()
+        start_rad = first_position_rad(moved, neck, clock, never)
+        assert start_rad is not None
+        go_in(moved, neck, clock, start_rad, never)
+        excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
+        progress.begin(f"moving the neck for {len(excitation) * neck.servo_period_s:.0f} s")
+        about = {
+            "from": f"robot {robot}",
+            "date": datetime.date.today().isoformat(),
+            "settings": settings.model_dump(mode="json", exclude={"out", "from_log"}),
+        }
+        taken = record(moved, clock, excitation, neck, about, progress.at)
     taken.save(settings.out.with_suffix(".npz"))
     return taken, neck, f"robot {robot}, neck {neck.name}"
 
@@ -237,24 +257,6 @@ def _check(settings: IdentifySettings) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise GazempcError(f"{option} {path}: cannot create its folder: {error.strerror}") from None
-
-
-def _excite(name: str, settings: IdentifySettings, neck: NeckSpec, clock: Clock, progress: Progress) -> NeckRecord:
-    with closing(make_robot(name, settings.options, neck, clock, neck.rest_rad, settings.seed)) as robot:
-        called(robot.connect)
-        # Never set: only an exception ends the wait or the motion.
-        never = threading.Event()
-        start_rad = first_position_rad(robot, neck, clock, never)
-        assert start_rad is not None
-        go_in(robot, neck, clock, start_rad, never)
-        excitation = excite(neck, neck.command_limits.clip_position(start_rad), settings)
-        progress.begin(f"moving the neck for {len(excitation) * neck.servo_period_s:.0f} s")
-        about = {
-            "from": f"robot {name}",
-            "date": datetime.date.today().isoformat(),
-            "settings": settings.model_dump(mode="json", exclude={"out", "from_log"}),
-        }
-        return record(robot, clock, excitation, neck, about, progress.at)
 
 
 def _print_margins(neck: NeckSpec) -> None:

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from gazempc.results.log_files import load_log, read_arrays
 from gazempc.robots.robot import Robot, checked_reading
 from gazempc.types import FloatArray
 
-_T = TypeVar("_T")
 # Timeout of readings: without feedback the motion is stopped.
 _SILENCE_S = 0.5
 # Plausibility bound, also of Unix time in seconds.
@@ -70,27 +69,6 @@ class NeckRecord:
         write_whole(path, lambda file: np.savez_compressed(file, **vars(self)))
 
 
-def called(method: Callable[..., _T], *given: object) -> _T:
-    """Call a method of a robot, which may be user-defined.
-
-    Args:
-        method: The method.
-        given: Its arguments.
-
-    Returns:
-        Its result.
-
-    Raises:
-        RobotError: In place of any exception but a `GazempcError` or an `OSError`.
-    """
-    try:
-        return method(*given)
-    except (GazempcError, OSError):
-        raise
-    except Exception as error:
-        raise RobotError(f"{method.__name__}() raised {error_line(error)}") from error
-
-
 def record(
     robot: Robot,
     clock: Clock,
@@ -133,21 +111,21 @@ def record(
             if late_s > neck.servo_period_s:
                 start_s += late_s
             try:
-                state = checked_reading(called(robot.read_state), neck)
+                state = checked_reading(robot.read_state(), neck)
                 silent_since_s = clock.now_s()
                 if state is not None:
                     readings.append((state.time_s, state.position_rad))
-            except (GazempcError, OSError) as error:
+            except Exception as error:
                 failed += 1
                 if clock.now_s() - silent_since_s > _SILENCE_S:
-                    raise RobotError(f"stopped: the joints could not be read for {_SILENCE_S} s ({error})") from None
+                    why = f"the joints could not be read for {_SILENCE_S} s ({error_line(error)})"
+                    raise RobotError(f"stopped: {why}") from error
             sent_at_s = clock.now_s()
             try:
-                sent = called(robot.send_command, wanted_rad)
-                sent_rad = numbers("the result of send_command()", sent, (neck.joints,))
-            except (GazempcError, OSError, ValueError) as error:
-                done_s = sent_at_s - start_s
-                raise RobotError(f"stopped after {done_s:.1f} s: a command failed ({error})") from None
+                sent_rad = numbers("the result of send_command()", robot.send_command(wanted_rad), (neck.joints,))
+            except Exception as error:
+                why = f"a command failed ({error_line(error)})"
+                raise RobotError(f"stopped after {sent_at_s - start_s:.1f} s: {why}") from error
             commands.append((sent_at_s, sent_rad))
             on_tick(tick / len(excitation_rad))
     except BaseException:

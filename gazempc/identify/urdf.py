@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gazempc.errors import SettingsError, suggest
+from gazempc.files.bounds import read_limited
 from gazempc.types import FloatArray
 
 _LEVEL = 0.05  # rad; axes in robots' URDFs are exact
@@ -74,9 +75,7 @@ def read_urdf(path: Path, eye_frame: str | None, pan: str | None = None, tilt: s
     if eye_frame is None:
         raise SettingsError("--urdf: needs --eye-frame, the link at the eye")
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise SettingsError(f"--urdf {path}: larger than {_MOST_BYTES // 10**6} MB")
-        text = path.read_bytes()
+        text = read_limited(path, _MOST_BYTES)
         if b"<!ENTITY" in text:
             raise SettingsError(f"--urdf {path}: entities are not accepted")
         root = ElementTree.fromstring(text)
