@@ -128,21 +128,18 @@ def _neck(chain: list[Any], pan_joint: Any, tilt_joint: Any, path: Path) -> Urdf
     pan_sign = 1 if pan_axis @ up > 0 else -1
     # Tilting up turns forward to up: about the axis to the right.
     tilt_sign = -1 if tilt_axis @ left > 0 else 1
-    tilt_m = axes @ (tilt_pose[:3, 3] - pan_pose[:3, 3])
-    eye_m = axes @ (eye_pose[:3, 3] - tilt_pose[:3, 3])
-    (pan_deg, pan_rad_s), (tilt_deg, tilt_rad_s) = (
-        _limits(joint, sign, path) for joint, sign in ((pan_joint, pan_sign), (tilt_joint, tilt_sign))
-    )
+    pan_deg, pan_rad_s = _limits(pan_joint, pan_sign, path)
+    tilt_deg, tilt_rad_s = _limits(tilt_joint, tilt_sign, path)
     return UrdfNeck(
-        _link(pan_joint, "parent", path),
-        pan_pose[:3, 3],
-        Rotation.from_matrix(axes).as_euler("xyz", degrees=True),
-        (str(pan_joint.get("name")), str(tilt_joint.get("name"))),
-        (pan_sign, tilt_sign),
-        (pan_deg, tilt_deg),
-        (pan_rad_s, tilt_rad_s),
-        tilt_m,
-        eye_m,
+        base_frame=_link(pan_joint, "parent", path),
+        pan_in_base_m=pan_pose[:3, 3],
+        base_roll_pitch_yaw_deg=Rotation.from_matrix(axes).as_euler("xyz", degrees=True),
+        joint_names=(str(pan_joint.get("name")), str(tilt_joint.get("name"))),
+        joint_signs=(pan_sign, tilt_sign),
+        range_deg=(pan_deg, tilt_deg),
+        speed_rad_s=(pan_rad_s, tilt_rad_s),
+        tilt_axis_in_pan_m=axes @ (tilt_pose[:3, 3] - pan_pose[:3, 3]),
+        eye_in_tilt_m=axes @ (eye_pose[:3, 3] - tilt_pose[:3, 3]),
     )
 
 

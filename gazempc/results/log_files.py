@@ -183,8 +183,7 @@ def load_log(path: Path | str) -> Log:
     values = read_arrays(path)
     wanted = {f.name for f in fields(Log)}
     if missing := sorted(wanted - set(values)):
-        older = "; an older version wrote it: replay the recording again" if "about" in values else ""
-        raise SettingsError(f"{path}: not a gazempc log, it lacks {', '.join(missing)}{older}")
+        raise SettingsError(f"{path}: not a gazempc log of this version, it lacks {', '.join(missing)}")
     try:
         values["run"] = RunInfo.model_validate(json.loads(str(values["run"])))
         values["faults"] = tuple(Fault(**fault) for fault in json.loads(str(values["faults"])))

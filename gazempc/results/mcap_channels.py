@@ -147,13 +147,15 @@ class Channels:
                 self._seen(moment)
             case moments.PlanMoment():
                 self._plan(moment)
-            case moments.EventMoment():
-                self._event(moment)
-            case moments.PictureMoment():
-                self._picture(moment)
-            case moments.AttendedMoment():
-                content = {"person": moment.person, "why": moment.why}
-                self._attended.log(content, log_time=scene.nanoseconds(moment.time_s))
+            case moments.EventMoment(time_s, name, text):
+                warned = fox.Log(timestamp=scene.stamp(time_s), level=fox.LogLevel.Warning, message=text, name=name)
+                self._events.log(warned, log_time=scene.nanoseconds(time_s))
+            case moments.PictureMoment(time_s, jpeg):
+                taken, frame = scene.stamp(time_s), self._camera.child
+                picture = fox.CompressedImage(timestamp=taken, frame_id=frame, data=jpeg, format="jpeg")
+                self._pictures.log(picture, log_time=scene.nanoseconds(time_s))
+            case moments.AttendedMoment(time_s, person, why):
+                self._attended.log({"person": person, "why": why}, log_time=scene.nanoseconds(time_s))
 
     def _tick(self, tick: moments.TickMoment) -> None:
         at, nowhere = scene.nanoseconds(tick.time_s), np.full(self._neck.joints, np.nan)
@@ -215,15 +217,3 @@ class Channels:
         self._plans.log({"start_s": plan.start_s, "step_s": plan.step_s, **angles}, log_time=at)
         drawn = scene.plan_entity(self._neck.geometry, plan.position_rad, plan.time_s)
         self._scene.log(fox.SceneUpdate(entities=[drawn]), log_time=at)
-
-    def _event(self, event: moments.EventMoment) -> None:
-        message = fox.Log(
-            timestamp=scene.stamp(event.time_s), level=fox.LogLevel.Warning, message=event.text, name=event.name
-        )
-        self._events.log(message, log_time=scene.nanoseconds(event.time_s))
-
-    def _picture(self, picture: moments.PictureMoment) -> None:
-        message = fox.CompressedImage(
-            timestamp=scene.stamp(picture.time_s), frame_id=self._camera.child, data=picture.jpeg, format="jpeg"
-        )
-        self._pictures.log(message, log_time=scene.nanoseconds(picture.time_s))

@@ -118,9 +118,6 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         most = [f"{max(r.values(f'peak_{what}_{suffix}')):.{digits}f}" for r in repeats]
         return f"peak {what} [{unit}], limit {span}", most
 
-    def time(name: str) -> list[str]:
-        return [_spread(r.mean(name), math.nan, 2, "") for r in repeats]
-
     lines: list[tuple[str, list[str]]] = [
         ("", [label(r.first.controller) for r in repeats]),
         ("filter and forecast", [r.first.predictor for r in repeats]),
@@ -136,8 +133,8 @@ def table_lines(repeats: Sequence[Repeats], neck: NeckSpec) -> list[tuple[str, l
         peak("acceleration", "rad_s2", "rad/s^2", 1),
         peak("jerk", "rad_s3", "rad/s^3", 0),
         ("limit violations", [f"{sum(r.values('limit_violations')):.0f}" for r in repeats]),
-        ("step time, median [ms]", time("step_ms_p50")),
-        ("           99 % below [ms]", time("step_ms_p99")),
+        ("step time, median [ms]", [_spread(r.mean("step_ms_p50"), math.nan, 2, "") for r in repeats]),
+        ("           99 % below [ms]", [_spread(r.mean("step_ms_p99"), math.nan, 2, "") for r in repeats]),
     ]
     if neck.eyes:
         lines.insert(10, ("eye eccentricity, 95 % below [deg]", spread("eye_eccentricity_p95_deg", 1)))

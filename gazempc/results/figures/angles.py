@@ -16,7 +16,8 @@ from gazempc.results.log import Log
 from gazempc.types import FloatArray, IntArray
 
 _LIMIT_NEAR_DEG = 10.0
-_COMMAND: Any = (0, (4, 1.5))
+_COMMAND: dict[str, Any] = {"lw": 1.3, "ls": (0, (4, 1.5))}
+_ACTUAL: dict[str, Any] = {"lw": 1.8}
 _HEAD: dict[str, Any] = {"color": "k", "lw": 2.6, "alpha": 0.35}
 _LIMIT: dict[str, Any] = {"color": "k", "lw": 1.2, "ls": ":"}
 
@@ -78,7 +79,9 @@ def _draw_column(column: Any, log: Log, colour: str) -> dict[str, dict[str, Any]
         if head.known.any():
             draw_known(ax, time_s, np.rad2deg(targets[:, axis]), head, **_HEAD)
             drawn[head.label] = _HEAD
-        curves = _of_gaze(log) if neck.joints > len(AXES) else _of_joints(log)
+        curves = {"command sent": (log.command_position_rad, _COMMAND), "joint": (log.joint_position_rad, _ACTUAL)}
+        if neck.joints > len(AXES):
+            curves = _of_gaze(log)
         for label, (values_rad, look) in curves.items():
             if not np.isfinite(values_rad[:, axis]).any():
                 continue
@@ -97,16 +100,8 @@ def _draw_column(column: Any, log: Log, colour: str) -> dict[str, dict[str, Any]
     return drawn
 
 
-def _of_joints(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
-    """Curves of a neck that has pan and tilt only: name -> angles, shape (M, 2), radians, and look."""
-    return {
-        "command sent": (log.command_position_rad, {"lw": 1.3, "ls": _COMMAND}),
-        "joint": (log.joint_position_rad, {"lw": 1.8}),
-    }
-
-
 def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
-    """Curves of a neck with eyes or a body: directions of gaze, head and body."""
+    """Directions of gaze, head and body: name -> angles, shape (M, 2), radians, and look."""
     _, gaze = gaze_ray(log.neck.geometry, log.joint_position_rad)
     curves: dict[str, tuple[FloatArray, dict[str, Any]]] = {}
     for part in parts(log):
@@ -114,7 +109,7 @@ def _of_gaze(log: Log) -> dict[str, tuple[FloatArray, dict[str, Any]]]:
         if part.level:
             angles_rad[:, 1] = np.nan
         curves[part.label] = angles_rad, {"lw": 1.3, "ls": part.line}
-    return curves | {"gaze": (_continuous(log, pan_tilt_rad(gaze)), {"lw": 1.8})}
+    return curves | {"gaze": (_continuous(log, pan_tilt_rad(gaze)), _ACTUAL)}
 
 
 def _toward(log: Log, head_base_m: FloatArray, ticks: IntArray) -> FloatArray:

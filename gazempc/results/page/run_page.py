@@ -133,11 +133,15 @@ def run_page(
     unusual += [Unusual(note) for note in notes]
     for name, log in logs.items():
         unusual += unusual_of(log, meanings, f"{label(name)}: " if len(logs) > 1 else "")
+    noise = f"one seed, {seeds[0]}"
+    if len(seeds) > 1:
+        over = "mean ± standard deviation over them; peaks: highest of all; curves and pictures"
+        noise = f"seeds {seeds[0]} to {seeds[-1]}: {over}: seed {seeds[0]}"
     return Page(
         title=f"Gaze on {first.run.recording}",
         question=people.question(logs),
         answer=(sentence(repeats),),
-        setup=setup_of(first) | {"noise": _noise(seeds)},
+        setup=setup_of(first) | {"noise": noise},
         tables=(PageTable("", ("", *names), rows), *people_tables(logs)),
         charts=(error_chart(logs),) if known else (),
         pictures=captions(pictures),
@@ -205,15 +209,6 @@ def captions(pictures: Iterable[Path]) -> dict[Path, str]:
     by_name = {path.name: path for path in pictures}
     others = {name: path.stem.replace("_", " ") for name, path in by_name.items()}
     return {by_name[name]: words for name, words in (_ABOUT | others | _ABOUT).items() if name in by_name}
-
-
-def _noise(seeds: Sequence[int]) -> str:
-    if len(seeds) == 1:
-        return f"one seed, {seeds[0]}"
-    return (
-        f"seeds {seeds[0]} to {seeds[-1]}: mean ± standard deviation over them; peaks: highest of all; curves and "
-        f"pictures: seed {seeds[0]}"
-    )
 
 
 def _limits(neck: NeckSpec) -> str:
