@@ -29,10 +29,8 @@ def table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
     Returns:
         Text of several lines.
     """
-    return "\n\n".join(_table(estimates[k : k + 2], neck) for k in range(0, len(estimates), 2))
-
-
-def _table(estimates: Sequence[AxisEstimate], neck: NeckSpec) -> str:
+    if len(estimates) > 2:
+        return f"{table(estimates[:2], neck)}\n\n{table(estimates[2:], neck)}"
     lines = [["", *(text for e in estimates for text in (f"{e.axis}, identified", f"{e.axis}, neck {neck.name}"))]]
     for label, name, factor, digits in (
         ("dead time (ms)", "dead_time_s", 1e3, 1),

@@ -107,23 +107,6 @@ def has_log(path: Path) -> bool:
         return False
 
 
-def is_mcap(path: Path) -> bool:
-    """Whether a file has the magic bytes of MCAP.
-
-    Args:
-        path: The file.
-
-    Returns:
-        True for an MCAP file.
-
-    Raises:
-        OSError: If the file cannot be read, or is not a regular file.
-    """
-    check_file(path)
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-
-
 def attached_log(path: Path) -> bytes:
     """The log in an MCAP file, as it was saved.
 
@@ -162,8 +145,12 @@ def read_arrays(path: Path | str) -> dict[str, Any]:
     Raises:
         SettingsError: If the file cannot be read.
     """
+    path = Path(path)
     try:
-        return dict(read_npz(attached_log(Path(path)) if is_mcap(Path(path)) else Path(path)))
+        check_file(path)
+        with path.open("rb") as file:
+            is_mcap = file.read(len(MAGIC)) == MAGIC
+        return dict(read_npz(attached_log(path) if is_mcap else path))
     except (OSError, ValueError) as error:
         raise SettingsError(f"{path}: not a readable log: {getattr(error, 'strerror', None) or error}") from None
 

@@ -101,13 +101,13 @@ def looks_away(log: Log) -> tuple[tuple[float, float, str], ...]:
 
 
 def are_alike(logs: Logs) -> bool:
-    """Whether all runs attend to the same people at the same times, to a hundredth of a second.
+    """Whether all runs attend to the same people at the same times.
 
     Args:
         logs: The runs.
     """
-    first, *others = [_marks(log) for log in logs.values()]
-    return all(marks == first for marks in others)
+    first, *others = [(turns(log), looks_away(log)) for log in logs.values()]
+    return all(other == first for other in others)
 
 
 def away_in_all(logs: Logs) -> tuple[tuple[float, float], ...]:
@@ -175,8 +175,3 @@ def _write(ax: Axes, x: float, y: float, texts: Sequence[str], letters: float, *
     fits = next((text for text in texts if len(text) + 1 <= letters), None)
     if fits is not None:
         ax.text(x, y, fits, ha="center", va="center", fontsize="small", clip_on=True, **look)
-
-
-def _marks(log: Log) -> list[tuple[object, ...]]:
-    of_turns = [(round(turn.from_s, 2), round(turn.to_s, 2), turn.number, turn.why) for turn in turns(log)]
-    return [*of_turns, *((round(from_s, 2), round(to_s, 2), why) for from_s, to_s, why in looks_away(log))]

@@ -221,9 +221,6 @@ def _limits(neck: NeckSpec) -> str:
     )
 
 
-_UNKNOWN = "The gaze error is unknown, as the true head is unknown."
-
-
 def live_page(
     summary: Mapping[str, Any], log: Log, meanings: Mapping[str, str], pictures: Iterable[Path], command: str
 ) -> Page:
@@ -242,7 +239,7 @@ def live_page(
     names, metrics = summary["logs"], summary["metrics_of_last_log"]
     known = bool(np.isfinite(log.head_true_base_m).any())
     of_log = f"{names[-1]}, the last of {len(names)} logs" if len(names) > 1 else names[-1]
-    answer = _UNKNOWN
+    answer = "The gaze error is unknown, as the true head is unknown."
     if metrics is not None and metrics["gaze_error_rms_deg"] is not None:
         answer = (
             f"The gaze was on the person's eyes (within 2.6 deg) {100 * metrics['eye_contact_2p6']:.1f} % of the time, "

@@ -11,7 +11,6 @@ from typing import Any
 
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from PIL import Image
 
 from gazempc.files.whole import write_whole
 from gazempc.results.page.content import Page, PageTable, Unusual
@@ -19,10 +18,9 @@ from gazempc.results.run_summary import versions
 
 # Size limit of a page, text included: mail programs accept it.
 MAX_PAGE_BYTES = 3_000_000
-_TYPES = {".png": "image/png", ".gif": "image/gif"}
 
 
-def embed(pictures: Mapping[Path, str], room_bytes: int) -> list[dict[str, Any]]:
+def embed(pictures: Mapping[Path, str], room_bytes: int) -> list[dict[str, str]]:
     """Read pictures in order, up to a size limit.
 
     Args:
@@ -34,12 +32,10 @@ def embed(pictures: Mapping[Path, str], room_bytes: int) -> list[dict[str, Any]]
     """
     found = []
     for path, about in pictures.items():
-        with Image.open(path) as image:
-            size = dict(zip(("width", "height"), image.size, strict=True))
         encoded = base64.b64encode(path.read_bytes()).decode()
-        uri = f"data:{_TYPES[path.suffix]};base64,{encoded}" if len(encoded) <= room_bytes else ""
+        uri = f"data:image/{path.suffix[1:]};base64,{encoded}" if len(encoded) <= room_bytes else ""
         room_bytes -= len(uri)
-        found.append({"name": path.name, "about": about, "uri": uri, "moves": path.suffix == ".gif", **size})
+        found.append({"name": path.name, "about": about, "uri": uri})
     return found
 
 
