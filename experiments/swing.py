@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
-from matplotlib.figure import Figure
 from pydantic import Field
 
 import gazempc as gz
@@ -22,7 +20,7 @@ from gazempc.loop.drive import Drive
 from gazempc.loop.observer import JointObserver
 from gazempc.loop.smoother import Smoother
 from gazempc.margins.linear_loop import Mismatch
-from gazempc.margins.margins import LEAST_DISTANCE, Margins, margins
+from gazempc.margins.margins import Margins, margins
 from gazempc.neck.ahead import joints_after_dead_time
 from gazempc.neck.spec import AXES, neck_names
 from gazempc.settings import Settings
@@ -40,7 +38,6 @@ class SwingSettings(Settings):
     """Settings of `python -m experiments.swing`."""
 
     necks: tuple[str, ...] = Field(default=neck_names(), description="Shipped necks or .toml files")
-    figure: Path | None = Field(default=None, description="Picture to write: loop transfers and closed-loop poles")
 
 
 def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArray:
@@ -113,45 +110,13 @@ def compare(neck: gz.NeckSpec) -> tuple[Margins, float, float]:
     return pan, gain, critical(neck, lambda x: Mismatch(dead_time_s=x), pan.delay_s, crossing_s)
 
 
-def _draw(found: Sequence[tuple[str, Margins]], path: Path) -> None:
-    """Loop transfers in the Nyquist plane, and the closed-loop poles, of the pan of each neck."""
-    figure = Figure(figsize=(10.0, 4.8), layout="constrained")
-    nyquist, poles = figure.subplots(1, 2)
-    circle = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200))
-    near = -1.0 + LEAST_DISTANCE * circle
-    nyquist.fill(near.real, near.imag, color="C3", alpha=0.2, lw=0, label="less than the least margin")
-    nyquist.plot(-1.0, 0.0, "k+", ms=10)
-    # Necks with equal servos and settings have one curve.
-    curves: dict[bytes, tuple[list[str], Margins]] = {}
-    for name, each in found:
-        curves.setdefault(np.round(each.loop, 6).tobytes(), ([], each))[0].append(name)
-    for k, (names, each) in enumerate(curves.values()):
-        nyquist.plot(each.loop.real, each.loop.imag, color=f"C{k}", label=", ".join(names))
-        poles.plot(each.poles.real, each.poles.imag, "x", color=f"C{k}", ms=5)
-    nyquist.set(xlim=(-2.0, 1.5), ylim=(-2.2, 1.3), xlabel="Re L", ylabel="Im L", aspect="equal")
-    nyquist.set_title("Loop transfer L, cut at the measured pan")
-    nyquist.legend(fontsize=7, loc="lower right")
-    poles.plot(circle.real, circle.imag, "k", lw=0.8)
-    poles.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), xlabel="Re z", ylabel="Im z", aspect="equal")
-    poles.set_title("Closed-loop poles over a control period")
-    for ax in (nyquist, poles):
-        ax.grid(alpha=0.3)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-
-
 def _work(settings: SwingSettings, _: str) -> int:
-    found: list[tuple[str, Margins]] = []
     print(f"{'neck':<17} {'gain margin':>12} {'simulated':>10} {'delay margin [ms]':>18} {'simulated':>10}")
     for name in settings.necks:
         neck = gz.load_neck(name)
         pan, gain, delay_s = compare(neck)
         row = f"{pan.gain:>12.2f} {gain:>10.2f} {1e3 * pan.delay_s:>18.0f} {1e3 * delay_s:>10.0f}"
         print(f"{neck.name:<17} {row}", flush=True)
-        found.append((neck.name, pan))
-    if settings.figure is not None:
-        _draw(found, settings.figure)
-        print(f"Written: {settings.figure}")
     return 0
 
 

@@ -133,20 +133,13 @@ def test_a_small_delay_margin_gives_a_warning():
     assert any(too_small(Mpc(quick, smoothing_time_s=T)) for T in (0.12, 0.01))
 
 
-def test_the_command_prints_margins(capsys):
-    assert gazempc(["margins", "--neck", "reachy_mini"]) == 0
+def test_the_command_prints_margins_and_draws(tmp_path, capsys):
+    assert gazempc(["margins", "--neck", "reachy_mini", "--figure", str(tmp_path / "m.png")]) == 0
     printed = capsys.readouterr().out
     assert " 3.67 " in printed
     assert "wrong by -30 to +323 ms" in printed
-    assert gazempc(["margins", "--neck", "nix"]) == 2
-
-
-def test_the_loop_transfer_is_drawn(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(swing, "critical", lambda neck, error, theory, period_s: theory)
-    words = ["--necks", "reachy_mini", "--figure", str(tmp_path / "m.png")]
-    assert swing.main(words) == 0
-    assert "reachy_mini" in capsys.readouterr().out
     assert (tmp_path / "m.png").stat().st_size > 10_000
+    assert gazempc(["margins", "--neck", "nix"]) == 2
 
 
 @pytest.mark.slow
