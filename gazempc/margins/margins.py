@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,7 +89,11 @@ def margins(mpc: Mpc) -> list[Margins]:
     Raises:
         SettingsError: If the dead time has too many servo periods.
     """
-    return [_of_joint(mpc, index) for index in range(len(AXES))]
+    pan = _of_joint(mpc, 0)
+    # Without active limits the margins depend on the servo only.
+    servos = {(axis.natural_frequency_rad_s, axis.damping_ratio, axis.dead_time_s) for axis in mpc.neck.axes[:2]}
+    alike = len(servos) == 1 and not any(ocp.own for ocp in mpc.ocps)
+    return [pan, replace(pan, joint=AXES[1]) if alike else _of_joint(mpc, 1)]
 
 
 def sentences(neck: NeckSpec, found: list[Margins]) -> list[str]:
