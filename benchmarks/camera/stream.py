@@ -35,7 +35,7 @@ class PictureServer:
         server.daemon_threads = True
         self._server = server
         self.url = f"http://127.0.0.1:{server.server_port}/video.mjpg"
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+        threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
 
     def number(self, rgb: Any) -> int:
         """Number of the last sent image with the grey level of this one."""

@@ -54,7 +54,7 @@ class OnvifCameraServer:
         config.username, config.password = user, password
         self.service = ONVIFService(config, self)
         self.service._templates["ptz_get_status"] = _STATUS
-        threading.Thread(target=self._web.serve_forever, daemon=True).start()
+        threading.Thread(target=self._web.serve_forever, args=(0.02,), daemon=True).start()
         threading.Thread(target=self._time_out, daemon=True).start()
 
     def close(self) -> None:

@@ -73,7 +73,7 @@ def test_positions_of_five_digits_are_decoded() -> None:
 def test_the_camera_turns_as_commanded_and_reports_its_position(pan_sign) -> None:
     """Also with a reversed axis."""
     with camera() as (server, plant), connected(server.address, directions=(pan_sign, 1)) as robot:
-        feed(robot, (0.5, -0.2), lambda: pan_sign * plant.true_state().position_rad[0] > 0.1)
+        feed(robot, (0.5, -0.2), lambda: pan_sign * plant.true_state().position_rad[0] > 0.06)
         robot.send_command(np.zeros(2))
         wait_for(lambda: np.abs(plant.true_state().velocity_rad_s).max() < 1e-4)
         true_rad = plant.true_state().position_rad * [pan_sign, 1]
@@ -84,7 +84,7 @@ def test_the_camera_turns_as_commanded_and_reports_its_position(pan_sign) -> Non
             state = robot.read_state()
             if state is not None:
                 seen.append(state.position_rad)
-            return len(seen) > 2
+            return len(seen) > 1
 
         feed(robot, (0.0, 0.0), has_read)
         # A count is 1 / 14.4 deg.
@@ -97,7 +97,7 @@ def test_speeds_between_steps_are_dithered() -> None:
     neck = QUICK.model_copy(update={"pan": QUICK.pan.model_copy(update={"speed_steps": table})})
     with camera(neck) as (server, _), connected(server.address, neck) as robot:
         accepted, times = [], [time.monotonic()]
-        while times[-1] - times[0] < 1.0:
+        while times[-1] - times[0] < 0.7:
             accepted.append(robot.send_command(np.array([0.15, 0.0]))[0])
             times.append(time.monotonic())
             time.sleep(0.02)
@@ -110,7 +110,7 @@ def test_speeds_between_steps_are_dithered() -> None:
 
 def test_a_slow_reply_delays_no_command() -> None:
     def late(_: int, packet: bytes) -> list[bytes]:
-        time.sleep(0.1)
+        time.sleep(0.05)
         return [packet]
 
     with (
@@ -120,13 +120,13 @@ def test_a_slow_reply_delays_no_command() -> None:
     ):
         longest_s, begin_s, k = 0.0, time.monotonic(), 0
         before = len(server.driven)
-        while time.monotonic() - begin_s < 0.5:
+        while time.monotonic() - begin_s < 0.3:
             k += 1
             started_s = time.thread_time()
             robot.send_command(np.array([0.5 + 0.3 * (k % 2), 0.1]))
             longest_s = max(longest_s, time.thread_time() - started_s)
             time.sleep(0.005)
-        # Many commands, few packets: one per 0.1 s, each with a reply.
+        # Many commands, few packets: one per 0.05 s, each with a reply.
         assert k > 20
         assert len(server.driven) - before <= 7
         assert longest_s < 0.05
@@ -136,6 +136,7 @@ def test_a_slow_reply_delays_no_command() -> None:
 def link_through(network: BadNetwork) -> Iterator[ViscaLink]:
     """A link to the camera through a network; both are closed at the end."""
     with closing(network), closing(ViscaLink(*network.address)) as link:
+        link._answered_s = 0.05  # waits are short from the first one
         link.open()
         yield link
 
