@@ -10,7 +10,7 @@ from gazempc.neck.spec import load_neck
 from gazempc.sim.simulated import SimulatedNeck
 
 REFERENCE = load_neck("reference")
-SHORT = ExcitationSettings(duration_s=12.0)
+SHORT = ExcitationSettings(duration_s=8.0)
 AXIS_NAMES = ("pan", "tilt")
 
 

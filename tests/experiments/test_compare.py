@@ -24,7 +24,7 @@ def compared(tmp_path_factory, in_this_process):
     model = dataclasses.replace(shipped_walker_model(), about={"people": ["subject01"]})
     save_walker_model(model, folder / "walker.npz")
     words = ["--recordings", "subject01_R1", "subject03_start", "subject05_stand", "--start-offset-deg", "60"]
-    words += ["--walker.fitted", str(folder), "--controllers", "reactive", "lookahead", "mpc"]
+    words += ["--walker.fitted", str(folder), "--controllers", "lookahead", "mpc"]
     words += ["--necks", quick_neck(folder), "--jobs", "1"]
     assert main([*words, "--out", str(folder / "<b>out")]) == 0
     out = folder / "<b>out"
@@ -46,7 +46,7 @@ def test_the_report_has_the_values_of_the_summary(compared):
     # The curves are the clips, the best first.
     curves = json.loads(report.find("script", type="application/json").text)["curves"]
     errors = {(r["controller"], r["recording"]): float(r["gaze_error_rms_deg"]) for r in rows_of(out)}
-    for curve, controller in zip(curves, ("reactive", "lookahead", "mpc"), strict=True):
+    for curve, controller in zip(curves, ("lookahead", "mpc"), strict=True):
         expected = [errors[controller, name] for name in curve["names"]]
         assert curve["xs"] == sorted(curve["xs"]) == pytest.approx(expected, rel=1e-4)
         assert curve["ys"] == pytest.approx([100 / 3, 200 / 3, 100.0], rel=1e-4)

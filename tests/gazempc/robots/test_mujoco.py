@@ -189,7 +189,7 @@ def test_the_loop_with_an_identified_model_matches_the_plain_simulation(tmp_path
     def gaze_error_deg(robot, neck):
         out = tmp_path / f"{robot}_{Path(neck).stem}"
         words = ["--source", "replay", "--simulated-clock", "--no-figures", "--robot", robot, "--neck", neck]
-        words += ["--controller", "lookahead", "--log", "npz", "--duration-s", "4"]
+        words += ["--controller", "lookahead", "--log", "npz", "--duration-s", "3"]
         assert live(["--out", str(out), *words]) == 0
         summary = json.loads((out / "summary.json").read_text())
         assert summary["limit_violations"] == 0
