@@ -14,10 +14,11 @@ from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion
 
 
 @pytest.mark.slow
-def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
+def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws(monkeypatch):
     """Orientation inputs of head and pelvis have no effect on blind networks."""
+    monkeypatch.setattr("experiments.fit.networks._BATCH", 128)
     examples, other = toy(2000, 0), toy(1000, 1)
-    fits = [fit_networks(examples, 3, 2, 150, sees_yaws=False) for _ in range(2)]
+    fits = [fit_networks(examples, 3, 2, 80, sees_yaws=False) for _ in range(2)]
     for a, b in zip(fits[0][0], fits[1][0], strict=True):
         np.testing.assert_array_equal(a, b)
     weights, biases = fits[0]
@@ -31,7 +32,7 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     regimes = model.regimes(other.network.astype(float), motion, other.precise.astype(float))
     error = model.answer(regimes, other.spread.astype(float))[0] - other.departure_m
     known = np.isfinite(error[:, 4, 1])
-    assert np.mean(np.abs(error[known, 4, 1])) < 0.75 * np.mean(np.abs(other.departure_m[known, 4, 1]))
+    assert np.mean(np.abs(error[known, 4, 1])) < 0.5 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
 
 def test_errors_are_weighted_by_the_inverse_covariance():
