@@ -23,7 +23,9 @@ def compared(tmp_path_factory, in_this_process):
     folder = tmp_path_factory.mktemp("compared")
     model = dataclasses.replace(shipped_walker_model(), about={"people": ["subject01"]})
     save_walker_model(model, folder / "walker.npz")
-    words = ["--recordings", "subject01_R1", "subject03_start", "subject05_stand", "--start-offset-deg", "60"]
+    slow = folder / "slow.toml"
+    slow.write_text('name = "slow"\nsource = "a test"\nrate_hz = 10.0\nlatency_s = 0.1\n')
+    words = ["--sensors", str(slow), "--recordings", "subject01_R1", "subject03_start", "subject05_stand", "--start-offset-deg", "60"]
     words += ["--walker.fitted", str(folder), "--controllers", "lookahead", "mpc"]
     words += ["--necks", quick_neck(folder), "--jobs", "1"]
     assert main([*words, "--out", str(folder / "<b>out")]) == 0

@@ -91,8 +91,8 @@ def test_the_camera_turns_back_only_beyond_the_deviation_of_the_head(hysteresis_
     joints, *_ = run(
         gz.Mpc(BY_ANGLES, framing=framing),
         BY_ANGLES,
-        pan_deg((0.4, 40.0), (2.6, back_to_deg)),
-        250,
+        pan_deg((0.4, 40.0), (2.0, back_to_deg)),
+        200,
         sigma_m=lambda since_s: np.full_like(since_s, sigma_m),
     )
     assert np.degrees(joints).max() > 28.0
@@ -105,7 +105,7 @@ def test_the_camera_ignores_a_short_excursion_of_a_standing_person(excursions, m
     framing = Framing(headroom=0.5, lead_room=0.0)
     path = pan_deg((0.4, 14.0), (0.4 + excursions * 1.5 * CAMERA.pan.dead_time_s, 0.0))
     held = lambda now, times_s: path(np.full_like(times_s, now))  # noqa: E731
-    joints, *_ = run(gz.Mpc(BY_ANGLES, framing=framing), BY_ANGLES, path, 400, known=held)
+    joints, *_ = run(gz.Mpc(BY_ANGLES, framing=framing), BY_ANGLES, path, 200, known=held)
     assert (np.degrees(joints)[:, 0].max() > 2.0) == moves
 
 

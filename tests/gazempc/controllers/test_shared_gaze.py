@@ -117,9 +117,9 @@ def to_and_fro(times_s):
     ("make", "neck", "joint", "stuck_from_s", "ticks", "most_deg"),
     [
         # The head compensates a blocked eye: otherwise about 7 deg.
-        pytest.param(LookAhead, EYES, 2, 0.0, 600, 0.3, id="eye from the start"),
+        pytest.param(LookAhead, EYES, 2, 0.0, 400, 0.3, id="eye from the start"),
         pytest.param(Mpc, EYES, 2, 1.6, 600, 0.3, id="eye on the way"),
-        pytest.param(Mpc, BODY, 2, 1.0, 200, 0.8, id="body"),
+        pytest.param(Mpc, BODY, 2, 1.0, 160, 0.8, id="body"),
         pytest.param(LookAhead, EYES, 0, 0.5, 400, 0.05, id="head"),
     ],
 )

@@ -98,5 +98,5 @@ def test_a_blocked_joint_with_speed_commands_is_detected(still):
     def reading(_, state):
         return JointState(state.time_s, frozen(state.position_rad, 0), state.velocity_rad_s) if still else state
 
-    result = run_live(neck=load_neck("ptz"), on_read=reading)
+    result = run_live(neck=load_neck("ptz"), on_read=reading, duration_s=3.0)
     assert ("joint_not_following" in result.events) == still

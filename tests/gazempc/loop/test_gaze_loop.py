@@ -95,8 +95,8 @@ def test_the_controller_gets_committed_commands_and_plans_from_its_start_time():
 @pytest.mark.parametrize(("controller", "delay_s"), [(LookAhead, 0.05), (Mpc, 0.015)])
 def test_a_plan_is_made_for_its_effective_time(controller, delay_s):
     """A plan delayed by less or more than a control period is computed for its effective time."""
-    prompt = LoopBench(controller=controller(NECK)).run(4.0)
-    delayed = LoopBench(controller=controller(NECK), settings=LoopSettings(compute_delay_s=delay_s)).run(4.0)
+    prompt = LoopBench(controller=controller(NECK)).run(3.0)
+    delayed = LoopBench(controller=controller(NECK), settings=LoopSettings(compute_delay_s=delay_s)).run(3.0)
     assert error_deg(delayed, from_s=1.5).mean() < error_deg(prompt, from_s=1.5).mean() + 0.25
     assert not np.array_equal(prompt.command_position_rad, delayed.command_position_rad)
 

@@ -52,7 +52,7 @@ class FailingController:
 )
 def test_a_short_solver_failure_is_bridged_by_the_last_plan(how, event):
     """0.2 s without a plan: the last plan is continued with little error."""
-    log = LoopBench(controller=FailingController(how, 2.0, 2.2)).run(4.0)
+    log = LoopBench(controller=FailingController(how, 2.0, 2.2)).run(3.3)
     assert events(log) == {"no_observation_yet", event}
     assert error_deg(log, from_s=2.5).max() < 1.4  # 1.21 as measured
 
@@ -208,11 +208,11 @@ def not_a_number(now_s, state):
 
 
 @pytest.mark.parametrize(
-    ("on_read", "event"), [(unplugged(1.5, 3.5), "robot_not_answering"), (not_a_number, "joint_reading_refused")]
+    ("on_read", "event"), [(unplugged(1.5, 2.3), "robot_not_answering"), (not_a_number, "joint_reading_refused")]
 )
 def test_joints_without_readings_are_predicted_from_commands(on_read, event):
     log, undisturbed = (
-        LoopBench(controller=Mpc(NECK, horizon_s=0.3), **faults).run(4.0) for faults in ({"on_read": on_read}, {})
+        LoopBench(controller=Mpc(NECK, horizon_s=0.3), **faults).run(2.6) for faults in ({"on_read": on_read}, {})
     )
     assert event in events(log)
     assert "stale_plan" not in events(log)
