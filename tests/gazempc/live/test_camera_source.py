@@ -134,7 +134,7 @@ def test_a_crossing_person_has_the_true_direction():
 @pytest.mark.slow
 def test_a_head_mounted_camera_keeps_contact_with_a_passing_person():
     """From pictures to commands with the MuJoCo neck; the mount is beside the eye and rotated."""
-    log, camera = live.run(studio(), duration_s=4.0, neck_name="fetch")
+    log, camera = live.run(studio(), duration_s=3.3, neck_name="fetch")
     metrics = measure(log)
     assert log.capture_time_s.size >= 0.9 * camera.pictures - 2
     assert metrics.limit_violations == 0
