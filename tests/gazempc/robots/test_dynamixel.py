@@ -28,7 +28,7 @@ NECK = with_both(load_neck("reference"), dead_time_s=0.02, natural_frequency_rad
 NECK = NECK.with_axes({"pan": NECK.pan.model_copy(update=ENDS)})
 TICK_RAD = 2 * math.pi / 4096
 # Reply timeout without false losses on a busy machine; shorter in tests with lost replies.
-PATIENT_MS, HASTY_MS = 2000.0, 200.0
+PATIENT_MS, HASTY_MS = 2000.0, 120.0
 links = itertools.count()
 
 # No approach: the first command is executed at once.
