@@ -25,9 +25,9 @@ def compared(tmp_path_factory, in_this_process):
     save_walker_model(model, folder / "walker.npz")
     slow = folder / "slow.toml"
     slow.write_text('name = "slow"\nsource = "a test"\nrate_hz = 10.0\nlatency_s = 0.1\n')
-    words = ["--sensors", str(slow), "--recordings", "subject01_R1", "subject03_start", "subject05_stand", "--start-offset-deg", "60"]
+    words = ["--recordings", "subject01_R1", "subject03_start", "subject05_stand", "--start-offset-deg", "60"]
     words += ["--walker.fitted", str(folder), "--controllers", "lookahead", "mpc"]
-    words += ["--necks", quick_neck(folder), "--jobs", "1"]
+    words += ["--necks", quick_neck(folder), "--sensors", str(slow), "--jobs", "1"]
     assert main([*words, "--out", str(folder / "<b>out")]) == 0
     out = folder / "<b>out"
     return out, json.loads((out / "summary.json").read_text()), (out / "summary.md").read_text()

@@ -1,13 +1,12 @@
 """Gaze shifts compared with human data."""
 
 import pytest
-from builders.replays import quick_neck
+from builders.replays import at_100_hz, quick_neck
 
 from experiments.eyes.human import compared, main, make_shift, table
 from gazempc.neck.human import motor_scale, with_motion
-from gazempc.neck.spec import load_neck
 
-EYES = load_neck("reference_eyes")
+EYES = at_100_hz("reference_eyes")
 HUMAN = with_motion(EYES, "human")
 
 
