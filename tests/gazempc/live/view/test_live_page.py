@@ -10,7 +10,7 @@ import pytest
 from builders.browser import browser
 from builders.live import NECK
 from builders.ports import free_port
-from builders.replays import cut, run_info
+from builders.replays import at_100_hz, cut, run_info
 from builders.waiting import wait_for
 
 import gazempc as gz
@@ -24,7 +24,7 @@ from gazempc.results.moments import EventMoment, PictureMoment, PlanMoment, Seen
 @pytest.fixture(scope="module")
 def log():
     parts = {"controller": "lookahead", "predictor": "constant_velocity", "sensor": "reference"}
-    return gz.replay("subject03_R4", neck="reference_eyes", **parts)
+    return gz.replay("subject03_R4", neck=at_100_hz("reference_eyes"), **parts)
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,7 @@ def test_a_hanging_viewer_delays_no_tick_and_gets_the_newest_data(tmp_path):
 @pytest.mark.slow
 def test_a_killed_writer_is_a_problem_and_loses_at_most_2_s(tmp_path):
     words = {"sensor": "reference", "controller": "lookahead", "predictor": "constant_velocity"}
-    log = cut(gz.replay("subject03_R4", **words), 0.0, 2.5)
+    log = cut(gz.replay("subject03_R4", neck=NECK, **words), 0.0, 2.5)
     feed = Feed(ViewOrders(log.run, mcap_folder=tmp_path))
     for moment in moments_of(log):
         feed.take(moment)
