@@ -133,6 +133,7 @@ def test_a_camera_with_a_permanent_motion_status_is_driven() -> None:
         assert server.moves[-1][1:] == (0.0, 0.0)
 
 
+@pytest.mark.slow  # the thread is that of VISCA, which a fast test holds
 def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
     with connected() as (server, robot):
         feed(robot, (0.5, 0.0), lambda: bool(server.moves and server.moves[-1][1]))
