@@ -66,9 +66,9 @@ class FollowingWatch:
         self._sent: deque[list[float]] = deque(maxlen=max(self._delay_ticks) + 1)
         # Simulated angle and velocity of each joint.
         self._states: list[tuple[float, float]] = []
-        self._expected: deque[list[float]] = deque(maxlen=self._ticks)
-        self._measured: deque[FloatArray] = deque(maxlen=self._ticks)
-        self._unread_ticks = 0
+        # Ring buffers, shape (ticks, joints): the range of motion is that of all rows.
+        self._expected_rad, self._measured_rad = np.zeros((2, self._ticks, neck.joints))
+        self._sent_ticks = self._read_ticks = self._unread_ticks = 0
         self._stands: BoolArray = np.zeros(neck.joints, dtype=np.bool_)
         #: Indices in `NeckSpec.joint_names` of joints that do not follow, ascending.
         self.held: tuple[int, ...] = ()
@@ -84,24 +84,21 @@ class FollowingWatch:
             angle, velocity = self._states[joint]
             acting = self._sent[max(newest - self._delay_ticks[joint], 0)][joint]
             self._states[joint] = qq * angle + qv * velocity + qu * acting, vq * angle + vv * velocity + vu * acting
-        self._expected.append([angle for angle, _ in self._states])
+        self._expected_rad[self._sent_ticks % self._ticks] = [angle for angle, _ in self._states]
+        self._sent_ticks += 1
 
     def measured(self, state: JointState | None) -> None:
         """Add the reading of this servo period; None for a missing one."""
         self._unread_ticks += 1
-        if state is not None and np.isfinite(state.position_rad).all():
-            self._measured.append(state.position_rad)
-            self._unread_ticks = 0
+        if state is not None and all(map(math.isfinite, state.position_rad.tolist())):
+            self._measured_rad[self._read_ticks % self._ticks] = state.position_rad
+            self._read_ticks, self._unread_ticks = self._read_ticks + 1, 0
 
     def judge(self) -> None:
         """Update `held` once the window is full; unchanged while readings are missing."""
-        if (
-            self._unread_ticks > _UNREAD_SHARE * self._ticks
-            or len(self._expected) < self._ticks
-            or len(self._measured) < self._ticks
-        ):
+        if self._unread_ticks > _UNREAD_SHARE * self._ticks or min(self._sent_ticks, self._read_ticks) < self._ticks:
             return
-        expected_rad, moved_rad = (np.ptp(np.array(each), axis=0) for each in (self._expected, self._measured))
+        expected_rad, moved_rad = (np.ptp(each, axis=0) for each in (self._expected_rad, self._measured_rad))
         stops = (expected_rad > _EXPECTED_RAD) & (moved_rad < _SHARE * expected_rad)
         self._stands = np.where(self._stands, moved_rad < _EXPECTED_RAD, stops)
         self.held = tuple(np.flatnonzero(self._stands).tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from functools import partial
 
 import numpy as np
@@ -46,7 +47,10 @@ class Sender:
         # Angles resulting from the commands sent, one row a servo period, oldest first.
         self._sent_rad: FloatArray = np.tile(start_rad, (history, 1))
         self.sent: FloatArray = np.where(neck.speed_joints, 0.0, start_rad)
-        self._low_rad, self._high_rad = neck.position_min_rad - _ROUNDED_RAD, neck.position_max_rad + _ROUNDED_RAD
+        # Accepted answers of the robot: angles within the range, any finite speed.
+        low, high = neck.position_min_rad - _ROUNDED_RAD, neck.position_max_rad + _ROUNDED_RAD
+        bounds = np.where(neck.speed_joints, [[-sys.float_info.max], [sys.float_info.max]], [low, high])
+        self._bounds: list[tuple[float, float]] = list(map(tuple, bounds.T.tolist()))
         self.acknowledged_rad: FloatArray = start_rad
         self._lost = 0
 
@@ -98,9 +102,8 @@ class Sender:
 
     def _checked(self, answered: object) -> FloatArray:
         sent = numbers("what send_command() returned", np.array(answered), (self._neck.joints,))
-        # False for NaN.
-        within = (self._low_rad <= sent) & (sent <= self._high_rad)
-        if not (within | self._neck.speed_joints & np.isfinite(sent)).all():
+        # Negated to refuse NaN.
+        if not all(low <= each <= high for each, (low, high) in zip(sent.tolist(), self._bounds, strict=True)):
             raise ValueError(f"send_command() returned {sent}, expected angles within the range of each joint, radians")
         return sent
 

@@ -92,7 +92,7 @@ def checked_reading(state: object, neck: NeckSpec, method: str = "read_state") -
         if not isinstance(value, np.ndarray) or value.shape != (neck.joints,) or value.dtype.kind not in "fiu":
             needed = f"an array of shape ({neck.joints},): {', '.join(neck.joint_names)}"
             raise RobotError(f"{method}() returned {name} {value!r}, expected {needed}")
-        if np.abs(value).max() > _ANY_NUMBER:
+        if any(abs(number) > _ANY_NUMBER for number in value.tolist()):
             raise RobotError(f"{method}() returned {name} {value}, expected numbers of a joint")
     angles_rad, speeds_rad_s = (np.array(each, np.float64) for each in (state.position_rad, state.velocity_rad_s))
     return JointState(float(state.time_s), angles_rad, speeds_rad_s)
