@@ -25,8 +25,8 @@ _BAND = 7
 # Indices of a block's elements in lower band storage (seven elements a column, from the diagonal down): lower triangle
 # of the diagonal block with the indices in the block, then the block of the next neighbour.
 _LOWER = [(row, column) for row in range(3) for column in range(row + 1)]
-_ON_DIAGONAL = [_BAND * c + r - c for r, c in _LOWER], [3 * r + c for r, c in _LOWER]
-_BESIDE = [_BAND * c + 3 + r - c for r in range(3) for c in range(3)]
+_ON_DIAGONAL = np.array([[_BAND * c + r - c for r, c in _LOWER], [3 * r + c for r, c in _LOWER]])
+_BESIDE = np.array([_BAND * c + 3 + r - c for r in range(3) for c in range(3)])
 
 
 def information_of(covariance_m2: FloatArray) -> FloatArray:
