@@ -66,6 +66,7 @@ def first(tmp_path_factory):
         return folder, jobs, engine.run(jobs)
 
 
+@pytest.mark.slow
 def test_results_keep_job_order_and_equal_jobs_run_once(first):
     folder, _, rows = first
     assert [row.get("square") for row in rows[:4]] == [9, 1, 9, 4]

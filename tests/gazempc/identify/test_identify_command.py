@@ -130,6 +130,7 @@ class WrongSent(Head):
         return super().send_command(position_rad)[:1]
 
 
+@pytest.mark.slow
 def test_the_dead_time_of_a_user_defined_robot_is_identified(tmp_path):
     words = ["--robot", f"{__name__}:Head", "--axes", "pan", "--duration-s", "8", "--out", str(tmp_path / "mine.toml")]
     assert identify.main([*words, "--options.dead_time_s", "0.25"]) == 0

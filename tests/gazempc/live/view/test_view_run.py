@@ -59,6 +59,7 @@ def test_a_run_on_the_real_clock_serves_foxglove_and_its_layout(tmp_path, capsys
     assert np.isfinite(column(path, "/metrics", "late_ms")).all()
 
 
+@pytest.mark.slow
 def test_a_hanging_viewer_delays_no_tick_and_gets_the_newest_data(tmp_path):
     with closing(Feed(ViewOrders(run_info(NECK), mcap_folder=tmp_path))) as feed:
         feed.take(EventMoment(0.0, "event", ""))
@@ -104,6 +105,7 @@ def test_view_without_a_value_serves_foxglove_at_its_default_port():
     assert parse([*QUICK, "--view", "web", "--view-at", "0.0.0.0"]).view_address == ("0.0.0.0", 8080)
 
 
+@pytest.mark.slow
 def test_the_jump_of_the_person_between_two_passes_is_not_scored(tmp_path):
     log, _ = live(tmp_path, "--simulated-clock", "--passes", "2", "--log", "npz", "--neck", quick_neck(tmp_path))
     known = np.isfinite(log.head_true_base_m[:, 0])
