@@ -72,9 +72,9 @@ class _End:
 
     @property
     def described(self) -> str:
-        """Topic and type, and reasons of incompatible other ends."""
-        unfit = sorted({why for other in self._others() if (why := self._why(other))})
-        return f"{self._topic} as {self.type_name}" + (f", but others {' and '.join(unfit)}" if unfit else "")
+        """Topic and type, and the nodes of incompatible other ends with the reasons."""
+        unfit = sorted({f"{other.node_name} {why}" for other in self._others() if (why := self._why(other))})
+        return f"{self._topic} as {self.type_name}" + (f", but {' and '.join(unfit)}" if unfit else "")
 
     def _others(self) -> list[Any]:
         with contextlib.suppress(Exception):
@@ -86,12 +86,12 @@ class _End:
         from rclpy.qos import QoSCompatibility, qos_check_compatible  # noqa: PLC0415
 
         if other.topic_type != self.type_name:
-            return f"have the type {other.topic_type}"
+            return f"has the type {other.topic_type}"
         pair = other.qos_profile, self.made.qos_profile  # publisher and subscription
         verdict, reason = qos_check_compatible(*(pair if isinstance(self, Subscription) else reversed(pair)))
         if verdict != QoSCompatibility.ERROR:
             return ""
-        return f"have an incompatible quality of service ({reason.removeprefix('ERROR: ').rstrip('; ')})"
+        return f"has an incompatible quality of service ({reason.removeprefix('ERROR: ').rstrip('; ')})"
 
 
 class Publication(_End):

@@ -111,8 +111,9 @@ class _Subscription:
 
     @property
     def described(self):
-        others = sorted({kind for _, kind in self.stage.senders[self.topic] if kind != self.type_name})
-        return f"{self.topic} as {self.type_name}" + (f", but others send {' and '.join(others)}" if others else "")
+        senders = self.stage.senders[self.topic]
+        others = [f"{node} has the type {kind}" for node, kind in senders if kind != self.type_name]
+        return f"{self.topic} as {self.type_name}" + (f", but {' and '.join(sorted(others))}" if others else "")
 
 
 class _Node:

@@ -213,7 +213,8 @@ def test_a_missing_robot_is_reported(node, made):
 def test_an_incompatible_quality_of_service_is_described(node):
     volatile = node.publication("/list", STRING)
     kept = node.subscription("/list", STRING, latched=True)
-    wait_for(lambda: "quality of service" in kept.described)
+    for end in (kept, volatile):
+        wait_for(lambda end=end: "but other has an incompatible quality of service" in end.described)
     assert kept.senders == ()
     assert volatile.has_listeners is False
     plain = node.subscription("/list", STRING)
