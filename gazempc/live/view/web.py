@@ -249,6 +249,10 @@ class _Handler(SimpleHTTPRequestHandler):
         else:
             super().do_GET()
 
+    def do_HEAD(self) -> None:
+        """Refuse it: it would bypass the check of the host."""
+        self.send_error(HTTPStatus.NOT_IMPLEMENTED)
+
     def _stream(self, page: WebPage) -> None:
         self.close_connection = True
         self._begin("text/event-stream", "Connection", "close")

@@ -85,9 +85,9 @@ def test_the_page_shows_the_run_and_reconnects(log, moments):
 def test_the_page_accepts_local_hosts_and_loads_its_own_files_only():
     port, host = free_port(), "127.1"
 
-    def get(path, named):
+    def get(path, named, method="GET"):
         with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=120)) as connection:
-            connection.request("GET", path, headers={"Host": named})
+            connection.request(method, path, headers={"Host": named})
             answer = connection.getresponse()
             return answer.status, answer.getheader("Content-Security-Policy"), answer.read()
 
@@ -97,6 +97,7 @@ def test_the_page_accepts_local_hosts_and_loads_its_own_files_only():
         # At port 80 a browser omits the port. A foreign page may resolve its own name to this computer.
         statuses = [get("/", host)[0], get("/", "evil.example:80")[0], get("/../web.py", f"127.0.0.1:{port}")[0]]
         assert statuses == [200, 403, 404]
+        assert get("/", "evil.example:80", "HEAD")[0] == 501
         with pytest.raises(gz.GazempcError, match=rf"--view-at 127\.0\.0\.1:{port}"):
             WebPage(run_info(NECK), "127.0.0.1", port)
     assert "default-src 'self'" in policy
