@@ -40,7 +40,10 @@ class ReadOptions(BaseModel):
         default="nose", description="Joint used as the head: nose, or head (the base of the skull)."
     )
     kinect_camera_pitch_deg: float = Field(
-        default=0.0, gt=-90.0, lt=90.0, description="Pitch of the camera in degrees, positive upwards."
+        default=0.0,
+        gt=-90.0,
+        lt=90.0,
+        description="Pitch of the camera in degrees, positive upwards; levels its frame.",
     )
     bvh_unit_m: float | None = Field(
         default=None, gt=0.0, description="Metres per unit of a BVH file; default: inferred from the person's height."
