@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from experiments.engine.job import Row, key_of, models_hash, parts_hash, recording_hash
+from experiments.engine.job import Row, file_hash, key_of, models_hash, parts_hash, recording_hash
 from gazempc.errors import LeftOutError
 from gazempc.neck.spec import NeckSpec
 from gazempc.recordings.load import load
@@ -41,10 +41,12 @@ class ReplayJob:
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
+        mapping, fitted = self.settings.reading.mapping, self.settings.walker.fitted
         return key_of(
             self,
             recording=recording_hash(self.recording),
-            models=models_hash(self.settings.walker.fitted),
+            mapping=file_hash(mapping) if mapping else "",
+            models=models_hash(fitted),
             parts=parts_hash(self.controller, self.settings.predictor),
         )
 

@@ -11,6 +11,7 @@ from builders.studies import rows_of, runs
 
 from experiments.compare import main
 from experiments.engine.job import models_hash
+from gazempc.recordings.readers.options import ReadOptions
 from gazempc.settings import WalkerSettings
 from predictors.walker.model_file import save_walker_model, shipped_walker_model
 
@@ -99,6 +100,16 @@ def test_the_perfect_forecast_is_run_once_for_all_predictors():
     labels = [row for row, _ in runs(Path("x"), predictors=("default", "walker", "head_pose"))]
     assert sum(row["controller"] == "mpc+perfect" for row in labels) == 3
     assert {row["predictor"] for row in labels if row["controller"] == "reactive"} == {"walker", "head_pose"}
+
+
+def test_another_content_of_a_mapping_file_changes_the_key(tmp_path):
+    [(_, job)] = runs(tmp_path, recordings=("subject01_R1",), controllers=("mpc",))
+    reading = ReadOptions(mapping=tmp_path / "mine.toml")
+    job, keys = dataclasses.replace(job, settings=job.settings.model_copy(update={"reading": reading})), []
+    for axes in ("z-up", "y-up"):
+        reading.mapping.write_text(f'axes = "{axes}"\n')
+        keys.append(job.key())
+    assert keys[0] != keys[1]
 
 
 def test_another_fitted_model_changes_the_key(tmp_path):
