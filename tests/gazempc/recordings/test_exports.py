@@ -111,6 +111,9 @@ def test_mediapipe_world_landmarks_are_read(tmp_path, names):
     recording = load(exports.mediapipe(path, names) if names else exports.mediapipe_long(path))
     hips_m = np.tile([0.0, 0.0, 0.95], (exports.FRAMES, 1))
     check(recording, Walk.point_m("head", [0.1, 0.0, 0.0]) - Walk.pelvis_m + hips_m, Walk.head, hips_m, Walk.pelvis)
+    # Columns may be named by number: those of one landmark stay side by side, as in files with columns for all.
+    by_number = load(path, ReadOptions(columns="head=[#2,#3,#4]"))
+    np.testing.assert_allclose(by_number.truth.head_position_m, recording.truth.head_position_m, atol=1e-9)
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.001])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -221,7 +220,7 @@ def wide(table: RawTable) -> RawTable:
     places = dict(zip(reversed(frames), reversed(table.places), strict=True))
     rows = {frame: row for row, frame in enumerate(dict.fromkeys(frames))}
     prefix = f"{named[0].partition('_')[0].lower()}_" if all(mark.isdigit() for mark in marks) else ""
-    found: dict[str, list[str]] = defaultdict(lambda: [""] * len(rows))
+    found = {f"{prefix}{mark}_{axis}": [""] * len(rows) for mark in dict.fromkeys(marks) for axis in "xyz"}
     for axis, name in axes.items():
         for mark, frame, cell in zip(marks, frames, table.texts(name), strict=True):
             found[f"{prefix}{mark}_{axis}"][rows[frame]] = cell
