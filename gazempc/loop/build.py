@@ -140,6 +140,7 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
     """
     if fitted is None:
         return shipped_walker_model()
+    path = fitted
     try:
         path = model_file(fitted, person)
         read_npz(path, _MOST_MODEL_BYTES)
@@ -148,7 +149,7 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         raise SettingsError(f"walker.fitted: {error}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SettingsError(f"walker.fitted: {fitted}: cannot be read: {reason}") from None
+        raise SettingsError(f"walker.fitted: {path}: cannot be read: {reason}") from None
 
 
 def make_target(

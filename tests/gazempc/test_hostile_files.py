@@ -62,6 +62,12 @@ def test_pipes_and_devices_do_not_block(name, tmp_path):
     assert "a device" in refused(READERS[name], device)
 
 
+def test_a_damaged_model_in_a_folder_is_named(tmp_path):
+    (tmp_path / "walker.npz").write_bytes(b"no archive")
+    with pytest.raises(GazempcError, match=r"walker\.npz: cannot be read"):
+        walker_model(tmp_path, "anna")
+
+
 @pytest.mark.parametrize("name", [name for name in READERS if not name.endswith((".mcap", ".db3", ".parquet"))])
 def test_files_of_gigabytes_are_not_read(name, tmp_path):
     path = tmp_path / name
