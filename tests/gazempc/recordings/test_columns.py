@@ -204,6 +204,8 @@ def test_a_person_is_selected_by_an_id_column(tmp_path):
         ("t=s, head=[x,y,z], origin=moon", "origin: Input should be 'sensor', 'floor' or 'hips'"),
         ("t=s, head=[x,y]", r"mapping of the head: '\[x,y\]'. Expected: 3 columns"),
         ("t=s, head=[x,y,zz]", r"no column 'zz'.*found 's, x, y, z'"),
+        ("t=s, head=[x,y,=1.2.3]", r"no column '=1\.2\.3'"),
+        ("t=s:1.2.3hz, head=[x,y,z]", r"no column 's:1\.2\.3hz'"),
         ("t=s, head=[x,y,z], head_forward=[x,y,z]", "a difference of points: A-B"),
         ("t=s, head=[x,y,z], head_q=[x,y,z,s]", r"\[...\]:wxyz or :xyzw"),
         ("t=s, head=[x,y,z], head_euler=[x,y,z]:xyz", "angles without a unit"),

@@ -146,7 +146,7 @@ def direction(table: RawTable, text: str, what: str) -> FloatArray:
 
 
 TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
-_RATE = re.compile(r"(?P<rate>[\d.]*)\s*hz", re.IGNORECASE)
+_RATE = re.compile(r"(?P<rate>(?:\d+\.?\d*|\.\d+)?)\s*hz", re.IGNORECASE)
 _WAYS = (*TIMES_S, "date")
 
 
