@@ -81,7 +81,7 @@ def read_urdf(path: Path, eye_frame: str | None, pan: str | None = None, tilt: s
         root = ElementTree.fromstring(text)
     except OSError as error:
         raise SettingsError(f"--urdf {path}: {error.strerror or error}") from None
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise SettingsError(f"--urdf {path}: not valid XML: {error}; expand a xacro file with 'xacro' first") from None
     above = {_link(joint, "child", path): joint for joint in root.iter("joint") if joint.find("child") is not None}
     if eye_frame not in above:

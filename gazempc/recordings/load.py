@@ -188,7 +188,7 @@ def _array(name: str, field: str, value: ArrayLike, shape: tuple[int | str, ...]
     except (TypeError, ValueError):
         raise RecordingError(name, field, "its values are not numbers", accepted) from None
     fits = array.ndim == len(shape) and all(n in ("N", size) for n, size in zip(shape, array.shape, strict=True))
-    if not fits:
+    if not (fits and array.size):
         raise RecordingError(name, field, f"its shape is {array.shape}", accepted)
     rows = array.reshape(len(array), -1)
     check_finite(Path(name), rows, [field] * rows.shape[1], "row {}".format)

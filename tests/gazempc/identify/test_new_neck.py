@@ -155,7 +155,8 @@ def test_a_chain_without_a_neck_is_refused(tmp_path, change, eye, why):
 def test_an_invalid_urdf_is_refused(tmp_path):
     (tmp_path / "a.urdf").write_text("<robot")
     (tmp_path / "b.urdf").write_text('<!DOCTYPE r [<!ENTITY a "b">]><robot/>')
-    for name in ("a.urdf", "b.urdf", "none.urdf"):
+    (tmp_path / "c.urdf").write_text('<?xml version="1.0" encoding="none"?><robot/>')
+    for name in ("a.urdf", "b.urdf", "c.urdf", "none.urdf"):
         with pytest.raises(SettingsError, match=f"--urdf .*{name}"):
             read_urdf(tmp_path / name, "camera")
     assert main(["--new", str(tmp_path / "n.toml"), "--urdf", str(tmp_path / "a.urdf")]) == 2

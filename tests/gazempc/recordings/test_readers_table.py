@@ -228,6 +228,7 @@ def spoilt(array, row, value):
     ("arguments", "named"),
     [
         ({"times_s": TIMES_S[:-1]}, "head_position_m: its shape is (120, 3)"),
+        ({"times_s": [], "head_position_m": np.zeros((0, 3))}, "times_s: its shape is (0,)"),
         ({"times_s": spoilt(TIMES_S, 7, 0.0)}, "row 7: the time stamp 0.0 follows"),
         ({"times_s": "now"}, "times_s: its values are not numbers"),
         ({"head_position_m": spoilt(HEAD_M, 5, np.nan)}, "row 5"),
