@@ -285,6 +285,14 @@ def test_undetermined_parts_are_reported(tmp_path):
     same_head(load(path, ReadOptions(guess=True)), np.column_stack([Walk.head_m[:, :2], 0 * T + 1.6]))
 
 
+def test_a_negative_frame_rate_in_a_file_is_unknown(tmp_path):
+    rows = "".join(f"{k},0,{x:.6f},{y:.6f},{z:.6f}\n" for k, (x, y, z) in enumerate(Walk.head_m))
+    path = tmp_path / "a.csv"
+    path.write_text(f"Trajectories\n-30\n,,Anna:Nose,,\nFrame,Sub Frame,X,Y,Z\n,,m,m,m\n{rows}")
+    with pytest.raises(RecordingError, match=r"t=Frame:30hz.*30 frames per second is a guess"):
+        load(path)
+
+
 @pytest.mark.parametrize(
     "header",
     [["t", "a", "b", "c"], ["k", "x", "y", "z"], ["t", *(f"head{k}_{c}" for k in (1, 2) for c in "xyz")]],

@@ -50,7 +50,7 @@ class RawTable:
         columns: Cells of each column, N rows, as text or as numbers.
         places: Place of each row in the file: the line, or text such as ``frame 17``.
         units: Units of columns, by name, if stated in the file.
-        rate_hz: Frame rate as stated in the file, unchecked; None without.
+        rate_hz: Frame rate, if stated in the file; positive.
         notes: Remarks of the reader.
         person: Name of the person in the header, for ``{person}`` in the values of a mapping; may be empty.
     """

@@ -190,7 +190,7 @@ def _motive_table(path: Path, rows: list[Row]) -> RawTable:
     rotation = facts.get("Rotation Type", "Quaternion").strip()
     note = f"orientations are Euler angles in the order {rotation}: export quaternions, or add "
     notes = () if rotation == "Quaternion" else (f"{note}head_euler=NAME.Rotation:ORDER:deg",)
-    cells, rate_hz = _cells(path, names, rows[axes + 1 :]), _number(facts.get("Export Frame Rate", ""))
+    cells, rate_hz = _cells(path, names, rows[axes + 1 :]), _rate_hz(facts.get("Export Frame Rate", ""))
     return RawTable(path, "motive", tuple(names), *cells, units, rate_hz, notes)
 
 
@@ -217,7 +217,7 @@ def _vicon_table(path: Path, rows: list[Row]) -> RawTable | None:
     body = rows[first + 5 :]
     end = next((k for k, (_, row) in enumerate(body) if not is_number(row[0]) or len(row) == 1), len(body))
     cells = _cells(path, names, body[:end])
-    return RawTable(path, "vicon", tuple(names), *cells, of_columns, _number(rows[first + 1][1][0]))
+    return RawTable(path, "vicon", tuple(names), *cells, of_columns, _rate_hz(rows[first + 1][1][0]))
 
 
 def _cells(path: Path, names: list[str], rows: list[Row]) -> tuple[list[tuple[str, ...]], list[int]]:
@@ -226,6 +226,11 @@ def _cells(path: Path, names: list[str], rows: list[Row]) -> tuple[list[tuple[st
         raise _no_rows(path)
     padded = zip_longest(names, *(row for _, row in rows), fillvalue="")
     return [column[1:] for column in islice(padded, len(names))], [line for line, _ in rows]
+
+
+def _rate_hz(cell: str) -> float | None:
+    rate_hz = _number(cell)
+    return rate_hz if rate_hz and rate_hz > 0.0 else None  # NaN is neither
 
 
 def _no_rows(path: Path) -> RecordingError:

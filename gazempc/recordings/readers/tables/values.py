@@ -207,7 +207,7 @@ def _frames(table: RawTable, column: str, rate: str) -> FloatArray:
     """Frame numbers as seconds; the smallest step between numbers is one frame."""
     numbers = table.numbers(table.one(column)) if column else np.arange(float(len(table.places)))
     rate_hz = float(rate) if rate else table.rate_hz
-    if not (rate_hz and rate_hz > 0.0):  # NaN, too
+    if not rate_hz:
         expected = f"the rate, such as --reading.columns 't={column}:60hz'"
         raise RecordingError(table.path, "time stamps", "the file has frame numbers and no frame rate", expected)
     steps = np.diff(np.unique(numbers[np.isfinite(numbers)]))
