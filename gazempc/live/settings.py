@@ -79,6 +79,7 @@ class LiveSettings(MountedSettings, StageSettings):
     allow: tuple[str, ...] = Field(
         default=(), description="Source udp: addresses or networks, the first sender of which is read; default: any"
     )
+    key_file: Path | None = Field(default=None, description="Removed: it is refused; tunnel the lines instead")
     simulated_clock: bool = Field(
         default=False, description="Run as fast as the computer can; only if source and robot do not need real time"
     )
@@ -204,6 +205,10 @@ def check(settings: LiveSettings) -> None:
     host, colon, port = settings.view_at.partition(":")
     out, several = settings.attention_out, settings.several
     wrong = {
+        "--key-file: lines are not signed any more; keep to the loopback, and bring them there through a tunnel: "
+        "--source tcp:127.0.0.1:5005 with `ssh -N -L 5005:127.0.0.1:5005 TRACKER`, or WireGuard for UDP": (
+            settings.key_file is not None
+        ),
         "--isolate: accepted for one person (no --attend, looks away or camera) on a real clock": (
             settings.isolate is not None and (several or source == "camera" or settings.simulated_clock)
         ),
