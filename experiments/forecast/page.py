@@ -17,7 +17,7 @@ from gazempc.recordings.readers.labels import STANDING
 from gazempc.recordings.recording import truth_of
 from gazempc.results.contact import of_known, p95
 from gazempc.results.figures.style import COLOURS
-from gazempc.results.forecast_metrics import inside
+from gazempc.results.metrics import inside
 from gazempc.results.page.content import Chart, Page, PageTable, Unusual
 from gazempc.results.run_summary import without_nan
 from gazempc.types import FloatArray

@@ -16,8 +16,17 @@ from gazempc.errors import SettingsError
 from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
 from gazempc.identify.urdf import UrdfNeck
-from gazempc.neck import rules
-from gazempc.neck.spec import AXES, NeckSpec
+from gazempc.neck.spec import (
+    ACCELERATION_PER_SPEED_1_S,
+    AXES,
+    DAMPING_RATIO,
+    DEAD_TIME_S,
+    JERK_PER_ACCELERATION_1_S,
+    NATURAL_FREQUENCY_RAD_S,
+    RULES,
+    SPEED_SHARE,
+    NeckSpec,
+)
 from gazempc.settings import Settings
 from gazempc.specfiles import parse_spec
 
@@ -134,19 +143,19 @@ def neck_file(
         f"eye_in_tilt_m = {eye_m}",
     ]
     for axis_name, axis in zip(AXES, axes, strict=True):
-        velocity = rules.SPEED_SHARE * axis.speed_rad_s
-        acceleration = rules.ACCELERATION_PER_SPEED_1_S * velocity
-        jerk = rules.JERK_PER_ACCELERATION_1_S * acceleration
+        velocity = SPEED_SHARE * axis.speed_rad_s
+        acceleration = ACCELERATION_PER_SPEED_1_S * velocity
+        jerk = JERK_PER_ACCELERATION_1_S * acceleration
         lines += ["", f"[{axis_name}]"]
         for field, value, why in (
             ("position_min_deg", axis.low_deg, origin),
             ("position_max_deg", axis.high_deg, origin),
-            ("velocity_max_rad_s", velocity, f"assumed: {rules.SPEED_SHARE:g} of the top speed, {axis.sheet_speed}"),
-            ("acceleration_max_rad_s2", acceleration, f"assumed: {rules.RULES['acceleration_max_rad_s2']}"),
-            ("jerk_max_rad_s3", jerk, f"assumed: {rules.RULES['jerk_max_rad_s3']}"),
-            ("natural_frequency_rad_s", rules.NATURAL_FREQUENCY_RAD_S, "assumed, until it is measured"),
-            ("damping_ratio", rules.DAMPING_RATIO, "assumed, until it is measured"),
-            ("dead_time_s", rules.DEAD_TIME_S, "assumed, until it is measured"),
+            ("velocity_max_rad_s", velocity, f"assumed: {SPEED_SHARE:g} of the top speed, {axis.sheet_speed}"),
+            ("acceleration_max_rad_s2", acceleration, f"assumed: {RULES['acceleration_max_rad_s2']}"),
+            ("jerk_max_rad_s3", jerk, f"assumed: {RULES['jerk_max_rad_s3']}"),
+            ("natural_frequency_rad_s", NATURAL_FREQUENCY_RAD_S, "assumed, until it is measured"),
+            ("damping_ratio", DAMPING_RATIO, "assumed, until it is measured"),
+            ("dead_time_s", DEAD_TIME_S, "assumed, until it is measured"),
         ):
             text = f"{field} = {float(format(value, '.4g'))}"
             lines.append(f"{text:<35} # {why}")

@@ -13,7 +13,7 @@ from gazempc.live.robots import keeps_any_clock
 from gazempc.live.sources.camera.capture import CAMERA, CameraOptions, check_address
 from gazempc.live.sources.source import SourceError
 from gazempc.live.stamps import Stamps
-from gazempc.neck.human import MOTION_MEANS, Motion
+from gazempc.neck.limits import MOTION_MEANS, Motion
 from gazempc.part_options import check_options
 from gazempc.parts import ADDRESSED, CONTROLLER, PREDICTOR, ROBOT, SOURCE, find, is_own, split_address
 from gazempc.robots.options import RobotChoice, RobotOptions

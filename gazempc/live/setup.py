@@ -33,8 +33,7 @@ from gazempc.loop.build import Person, make_controller, make_predictor, make_tar
 from gazempc.loop.planner import BackgroundPlanner, ImmediatePlanner, Planner
 from gazempc.loop.pointing import Goal
 from gazempc.loop.track import Target
-from gazempc.neck.human import with_motion
-from gazempc.neck.narrow import narrowed
+from gazempc.neck.limits import narrowed, with_motion
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.part_options import check_options, make, options_for
 from gazempc.parts import CONTROLLER, PREDICTOR, ROBOT, SOURCE, check_members, name_of

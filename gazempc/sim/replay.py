@@ -21,7 +21,7 @@ from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.recorder import JointColumns, LoopRecorder
 from gazempc.loop.smoother import Smoother
 from gazempc.neck.kinematics import seen_from_head
-from gazempc.neck.narrow import narrowed
+from gazempc.neck.limits import narrowed
 from gazempc.parts import CONTROLLER, PREDICTOR, gaze_of, name_of
 from gazempc.people.schedule import LookAways
 from gazempc.people.tracker_faults import is_low_rate

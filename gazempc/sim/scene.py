@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from gazempc.errors import SettingsError
-from gazempc.neck.human import MOTION_MEANS, Motion, with_motion
 from gazempc.neck.kinematics import head_angles_rad, look_at_rad
+from gazempc.neck.limits import MOTION_MEANS, Motion, with_motion
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.recordings.load import MARK, load, load_together
 from gazempc.recordings.placement import Placement, place_together

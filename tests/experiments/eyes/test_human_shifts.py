@@ -4,7 +4,7 @@ import pytest
 from builders.replays import at_100_hz, quick_neck
 
 from experiments.eyes.human import compared, main, make_shift, table
-from gazempc.neck.human import motor_scale, with_motion
+from gazempc.neck.limits import motor_scale, with_motion
 
 EYES = at_100_hz("reference_eyes")
 HUMAN = with_motion(EYES, "human")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gazempc.controllers.controller import Plan
 from gazempc.loop.smoother import Smoother
-from gazempc.neck.narrow import narrowed
+from gazempc.neck.limits import narrowed
 from gazempc.neck.spec import load_neck
 
 NECK = load_neck("reference")

@@ -9,8 +9,7 @@ from builders.replays import at_100_hz
 import gazempc as gz
 from gazempc.controllers.chain import EyeAim
 from gazempc.errors import SettingsError
-from gazempc.neck.human import eye_velocity_rad_s, head_velocity_rad_s, motor_scale, with_motion
-from gazempc.neck.narrow import narrowed
+from gazempc.neck.limits import eye_velocity_rad_s, head_velocity_rad_s, motor_scale, narrowed, with_motion
 from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import load_neck, neck_names

@@ -18,7 +18,7 @@ from gazempc.loop.gaze_loop import GazeLoop
 from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.planner import ImmediatePlanner
 from gazempc.loop.smoother import Smoother
-from gazempc.neck.narrow import narrowed
+from gazempc.neck.limits import narrowed
 from gazempc.neck.spec import load_neck, neck_names
 from gazempc.people.attention import Attention
 from gazempc.people.aversion import Aversion, fitted, shift_of, with_aversion

@@ -13,8 +13,7 @@ from scipy.stats import chi2, multivariate_t
 from scipy.stats import f as f_distribution
 
 from gazempc.neck.spec import load_neck
-from gazempc.results.forecast_metrics import inside, squared_radius
-from gazempc.results.metrics import measure
+from gazempc.results.metrics import inside, measure, squared_radius
 from gazempc.results.motion import derivative, limit_violations, log_dimensionless_jerk, sparc
 
 NECK = load_neck("fetch")
