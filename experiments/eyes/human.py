@@ -21,7 +21,7 @@ import gazempc as gz
 from experiments.engine.command import Command
 from experiments.pages import markdown
 from gazempc.errors import SettingsError
-from gazempc.neck import human
+from gazempc.neck import limits
 from gazempc.neck.kinematics import gaze_error_rad, gaze_ray
 from gazempc.results.figures.style import COLOURS, DPI, readable
 from gazempc.settings import Settings
@@ -149,8 +149,8 @@ def draw(shifts: Sequence[Shift], scale: float, title: str, path: Path) -> None:
             panel.set_title(f"shift of {shift.amplitude_deg:.0f} deg sideways", fontsize="medium")
         panels[0, 1].legend(frameon=False)
         laws = (
-            (panels[1, 0], "head", human.head_velocity_rad_s, scale, _HEAD, f"people, x {scale:.2f}"),
-            (panels[1, 1], "eyes", human.eye_velocity_rad_s, 1.0, _EYE, "people"),
+            (panels[1, 0], "head", limits.head_velocity_rad_s, scale, _HEAD, f"people, x {scale:.2f}"),
+            (panels[1, 1], "eyes", limits.eye_velocity_rad_s, 1.0, _EYE, "people"),
         )
         for panel, name, law, share, colour, label in laws:
             points = [
@@ -173,7 +173,7 @@ def draw(shifts: Sequence[Shift], scale: float, title: str, path: Path) -> None:
         figure.savefig(path, dpi=DPI)
 
 
-_SHARES = {"sideways": human.HEAD_SHARE_PAN, "up": human.HEAD_SHARE_UP, "down": human.HEAD_SHARE_DOWN}
+_SHARES = {"sideways": limits.HEAD_SHARE_PAN, "up": limits.HEAD_SHARE_UP, "down": limits.HEAD_SHARE_DOWN}
 _AMPLITUDES_DEG: dict[Direction, tuple[float, ...]] = {
     "sideways": (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0),
     "up": (10.0, 20.0, 30.0),
@@ -227,9 +227,9 @@ def compared(shift: Shift, scale: float) -> dict[str, BesidePeople]:
         found[lead] = BesidePeople(1e3 * shift.lead_s, 1e3 * lead_s, 1e3 * _SPREAD_S)
     head_deg, eye_deg = abs(float(shift.head_deg[-1])), float(shift.eye_deg.max())
     if head_deg > _LEAST_HEAD_DEG:
-        law = math.degrees(scale * human.head_velocity_rad_s(math.radians(head_deg)))
+        law = math.degrees(scale * limits.head_velocity_rad_s(math.radians(head_deg)))
         found[head_peak] = BesidePeople(shift.head_peak_deg_s, law, _SPREAD_OF_PEAK * law)
-    law = math.degrees(human.eye_velocity_rad_s(math.radians(eye_deg)))
+    law = math.degrees(limits.eye_velocity_rad_s(math.radians(eye_deg)))
     return found | {eye_peak: BesidePeople(shift.eye_peak_deg_s, law, _SPREAD_OF_PEAK * law)}
 
 
@@ -279,10 +279,10 @@ def _cell(each: BesidePeople) -> str:
 
 def _run(settings: HumanSettings, _: str) -> int:
     given = gz.load_neck(settings.neck)
-    neck = human.with_motion(given, "human")
+    neck = limits.with_motion(given, "human")
     if neck.body is not None:
         raise SettingsError(f"--neck {settings.neck}: its body takes part in large shifts; accepted: eyes and no body")
-    scale = min(human.motor_scale(given.pan), human.motor_scale(given.tilt))
+    scale = min(limits.motor_scale(given.pan), limits.motor_scale(given.tilt))
     shifts = make_shifts(neck, settings.controller)
     print(f"Neck {neck.name}, {settings.controller}. The motors reach {scale:.2f} of the velocity of people's heads.")
     print(table(shifts, scale))

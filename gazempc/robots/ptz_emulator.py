@@ -192,12 +192,13 @@ class ViscaServer:
         address: Host and port.
         driven: The commands Pan-tiltDrive so far: time by `time.monotonic`, steps of pan and tilt.
         silent: Whether packets are ignored, as by a camera without power.
+        sequence: Number of the last packet; 0 after a start.
     """
 
     def __init__(self, plant: Robot, neck: NeckSpec, plant_lock: threading.Lock | None = None) -> None:
         self._plant, self._lock = plant, plant_lock or threading.Lock()
         self._steps = wire.visca_steps(neck)
-        self._sequence = 0
+        self.sequence = 0
         self.driven: list[tuple[float, int, int]] = []
         self.silent = False
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -230,16 +231,16 @@ class ViscaServer:
         kind, sequence, payload = found
         if kind == wire.CONTROL:
             if payload == wire.RESET:
-                self._sequence = 0
+                self.sequence = 0
             return [wire.pack(wire.CONTROL_REPLY, sequence, wire.RESET)]
         if kind == wire.INQUIRY:
-            self._sequence = max(sequence, self._sequence)
+            self.sequence = max(sequence, self.sequence)
             return [wire.pack(wire.REPLY, sequence, self._answer(payload))]
-        if kind != wire.COMMAND or sequence <= self._sequence:
+        if kind != wire.COMMAND or sequence <= self.sequence:
             # Retransmitted or out of order: not executed twice. Another type is an error of the message.
             error = wire.SEQUENCE_ERROR if kind == wire.COMMAND else b"\x0f\x02"
             return [wire.pack(wire.CONTROL_REPLY, sequence, error)]
-        self._sequence = sequence
+        self.sequence = sequence
         steps = wire.drive_of(payload)
         if steps is None:
             return [wire.pack(wire.REPLY, sequence, _SYNTAX_ERROR)]

@@ -14,9 +14,8 @@ from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion
 
 
 @pytest.mark.slow
-def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws(monkeypatch):
+def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     """Orientation inputs of head and pelvis have no effect on blind networks."""
-    monkeypatch.setattr("experiments.fit.networks._BATCH", 128)
     examples, other = toy(2000, 0), toy(1000, 1)
     fits = [fit_networks(examples, 3, 2, 80, sees_yaws=False) for _ in range(2)]
     for a, b in zip(fits[0][0], fits[1][0], strict=True):

@@ -113,8 +113,8 @@ def test_a_password_in_a_stream_address_is_refused_and_never_shown(command, caps
     check_address("camera:rtsp://me:$CAMERA_PASSWORD@192.0.2.1/x")
 
 
-def test_the_probe_prints_power_position_and_top_speeds(capsys, monkeypatch):
-    monkeypatch.setattr("gazempc.robots.visca._WAIT_MAX_S", 0.1)
+@pytest.mark.slow
+def test_the_probe_prints_power_position_and_top_speeds(capsys):
     with camera() as (server, _):
         assert main(["--robot", f"visca:127.0.0.1:{server.address[1]}", "--probe"]) == 0
         assert not server.driven

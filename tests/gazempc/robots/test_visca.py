@@ -136,7 +136,6 @@ def test_a_slow_reply_delays_no_command() -> None:
 def link_through(network: BadNetwork) -> Iterator[ViscaLink]:
     """A link to the camera through a network; both are closed at the end."""
     with closing(network), closing(ViscaLink(*network.address)) as link:
-        link._answered_s = 0.05  # waits are short from the first one
         link.open()
         yield link
 
@@ -180,7 +179,7 @@ def test_a_lost_camera_is_reported_and_stopped_on_reconnection() -> None:
             feed(robot, (0.5, 0.0), lambda: False)
         before = len(server.driven)
         # Rebooted during the move: its sequence numbers restart.
-        server._sequence = 0
+        server.sequence = 0
         plant.send_command(np.zeros(2))
         server.silent = False
         wait_for(lambda: len(server.driven) > before)
@@ -212,7 +211,7 @@ def test_moves_are_renewed_and_stop_on_loop_silence_or_close() -> None:
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
             wait_for(lambda: server.driven[-1][1:] == (0, 0))
             # Motion resumes with the loop, also with a camera whose sequence number is far higher.
-            server._sequence = 1_000_000
+            server.sequence = 1_000_000
             feed(robot, (0.5, 0.0), lambda: server.driven[-1][1] > 0)
             before = len(server.driven)
             feed(robot, (0.5, 0.0), lambda: len([d for d in server.driven[before:] if d[1] > 0]) > 2)

@@ -57,9 +57,9 @@ class Driver:
         self.states.publish(message)
 
 
-def neck(made, spec=NECK, **fields):
+def neck(made, spec=NECK, connect_timeout_s=20.0, **fields):
     options = Ros2Options(**({"joint_names": JOINTS, "command_topic": "head/command"} | fields))
-    robot = Ros2Neck(spec, time.time, lambda unix_s: unix_s, options, connect_timeout_s=20.0)
+    robot = Ros2Neck(spec, time.time, lambda unix_s: unix_s, options, connect_timeout_s)
     made.append(robot)
     return robot
 
@@ -70,7 +70,7 @@ def connected(made, driver, **fields):
 
     def talk():
         while not stop.wait(0.02):
-            driver.publish([0.0, 0.0], robot._options.joint_names)
+            driver.publish([0.0, 0.0], fields.get("joint_names", JOINTS))
 
     thread = threading.Thread(target=talk)
     thread.start()
@@ -160,7 +160,9 @@ def test_speed_commands_follow_positions_and_remove_drift(node, made):
         sent += wait_for(driver.commands.take)
     assert sent[50].data[0] == pytest.approx(0.4)  # 0.002 rad a servo period
     # The joint is 0.1 rad short of a command whose dead time is over.
-    robot._measured_rad = robot._sent[0] - np.array([0.1, 0.0])
+    periods = round((NECK.pan.dead_time_s + NECK.pan.servo_lag_s + NECK.servo_period_s) * NECK.servo_rate_hz)
+    driver.publish([0.002 * (300 - periods) - 0.1, 0.0])
+    wait_for(lambda: (state := robot.read_state()) and state.position_rad[0] > 0.01)
     robot.send_command(np.array([0.6, 0.0]))
     (message,) = wait_for(driver.commands.take)
     assert message.data[0] == pytest.approx(0.4 + 0.1)
@@ -202,8 +204,7 @@ def test_foreign_stale_and_missing_joint_states_give_no_reading(node, made):
 
 
 def test_a_missing_robot_is_reported(node, made):
-    robot = neck(made)
-    robot._connect_timeout_s = 0.5
+    robot = neck(made, connect_timeout_s=0.5)
     with pytest.raises(RobotError, match="no node listens to /head/command as trajectory_msgs"):
         robot.connect()
     with pytest.raises(RobotError, match="not connected"):

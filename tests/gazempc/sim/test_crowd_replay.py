@@ -100,8 +100,7 @@ def test_a_head_mounted_sensor_observes_people_in_its_view_only():
 
 
 @pytest.mark.slow
-def test_a_bag_with_two_people_is_a_scene_of_two(bags_dir, monkeypatch):
-    monkeypatch.setattr("gazempc.recordings.readers.checks._smooth", lambda path, times_s, position_m: position_m)
+def test_a_bag_with_two_people_is_a_scene_of_two(bags_dir):
     scene = make_scene(bags_dir / "2p_AA_FV_eng_1", SceneSettings(), NECK, all_people=True)
     two = [scene.walk, *scene.others]
     assert [walk.labels.subject for walk in two] == ["eloek", "ghfbv"]
