@@ -4,7 +4,7 @@ import re
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -13,7 +13,12 @@ from ipycam.config import CameraConfig
 from ipycam.onvif import ONVIFService
 
 from builders.visca import SharedNeck
+from gazempc.errors import RobotError
 from gazempc.neck.spec import NeckSpec
+from gazempc.robots.options import ViscaOptions
+from gazempc.robots.ptz_emulator import EMULATOR
+from gazempc.robots.visca import ViscaCamera
+from gazempc.types import FloatArray, JointState
 
 # ipycam 1.3 declares no prefix in this answer, and leaves the places of the move status unfilled.
 _STATUS = """<tptz:GetStatusResponse xmlns:tptz="http://www.onvif.org/ver20/ptz/wsdl">
@@ -35,10 +40,10 @@ class OnvifCameraServer:
         silent: Whether connections are closed without an answer.
     """
 
-    def __init__(self, neck: NeckSpec, user: str = "", password: str = "") -> None:
+    def __init__(self, neck: NeckSpec, user: str = "", password: str = "", plant: Any = None) -> None:
         self.neck, self.moves, self.bodies = neck, [], []
         self.says_moving = self.silent = False
-        self.plant = SharedNeck(neck)
+        self.plant = plant or SharedNeck(neck)
         self._lock, self._ends_s = threading.RLock(), np.inf
         self._half = 0.5 * (neck.position_max_rad - neck.position_min_rad)
         handler = self._handler()
@@ -114,9 +119,40 @@ class OnvifCameraServer:
         return Handler
 
 
+class EmulatedCamera:
+    """The plant that is the emulated camera with its rendered picture; VISCA turns it."""
+
+    def __init__(self, neck: NeckSpec) -> None:
+        self._robot = ViscaCamera(EMULATOR, neck, time.monotonic, ViscaOptions())
+        self._robot.connect()
+        self._speeds_rad_s, self._state = np.zeros(2), None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def send_command(self, speeds_rad_s: FloatArray) -> None:
+        self._speeds_rad_s = speeds_rad_s
+
+    def true_state(self) -> JointState:
+        while self._state is None:
+            time.sleep(0.01)
+        return self._state
+
+    def close(self) -> None:
+        self._closing.set()
+        self._thread.join()
+        self._robot.close()
+
+    def _work(self) -> None:
+        while not self._closing.wait(0.02):
+            with suppress(RobotError):  # a busy machine answers late
+                self._robot.send_command(self._speeds_rad_s)
+                self._state = self._robot.read_state() or self._state
+
+
 @contextmanager
-def onvif_camera(neck: NeckSpec, user: str = "", password: str = "") -> Iterator[OnvifCameraServer]:
-    server = OnvifCameraServer(neck, user, password)
+def onvif_camera(neck: NeckSpec, user: str = "", password: str = "", plant: Any = None) -> Iterator[OnvifCameraServer]:
+    server = OnvifCameraServer(neck, user, password, plant)
     try:
         yield server
     finally:

@@ -4,15 +4,16 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import numpy as np
+import pytest
 
 from builders.robots import with_both
 from builders.waiting import wait_for
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.robots.options import ViscaOptions
-from gazempc.robots.ptz_emulator import ViscaServer
+from gazempc.robots.ptz_emulator import ViscaServer, picture_url
 from gazempc.robots.visca import ViscaCamera
 from gazempc.sim.simulated import SimulatedNeck
 from gazempc.types import FloatArray, JointState
@@ -114,3 +115,18 @@ def feed(robot: ViscaCamera, speeds: tuple[float, float], until: Callable[[], bo
         time.sleep(0.02)
 
     wait_for(until, step=send)
+
+
+@contextmanager
+def emulated(protocol):
+    """Robot and picture of the emulated camera by a protocol, as words of the command line."""
+    for package in ("mujoco", "cv2", "skimage"):
+        pytest.importorskip(package)
+    if protocol == "visca":
+        yield "--robot visca:emulator --source camera:emulator"
+        return
+    onvif = pytest.importorskip("builders.onvif")
+    with closing(onvif.EmulatedCamera(PTZ)) as plant, onvif.onvif_camera(PTZ, plant=plant) as server:
+        picture = f"--source camera:{picture_url()} --camera.fov-deg 60 --camera.latency-ms 200"
+        view = "--framing.view-deg 60 36 --options.onvif.range-deg 100 -100 -25 25"
+        yield f"--robot onvif:127.0.0.1:{server.port} --neck ptz {picture} {view}"

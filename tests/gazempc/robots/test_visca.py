@@ -127,7 +127,7 @@ def test_a_slow_reply_delays_no_command() -> None:
             longest_s = max(longest_s, time.thread_time() - started_s)
             time.sleep(0.005)
         # Many commands, few packets: one per 0.05 s, each with a reply.
-        assert k > 20
+        assert k > 10
         assert len(server.driven) - before <= 7
         assert longest_s < 0.05
 
