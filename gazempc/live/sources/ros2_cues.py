@@ -19,7 +19,7 @@ from gazempc.ros2.messages import Ros2Error, stamp_s, topic_name
 from gazempc.ros2.node import Ros2Node, Subscription
 from gazempc.types import FloatArray, Sighting
 
-# A sound is its direction in whole degrees, as of respeaker_ros.
+# Message of a direction of sound: whole degrees, as published by respeaker_ros.
 _POINT, _SOUND = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Int32"
 # Deduplication of points: time and distance within which a repeated point causes no new glance.
 _SAME_S, _SAME_M = 2.0, 0.3

@@ -250,7 +250,7 @@ class _Handler(SimpleHTTPRequestHandler):
             super().do_GET()
 
     def do_HEAD(self) -> None:
-        """Refuse it: it would bypass the check of the host."""
+        """Respond with 501: the inherited response bypasses the host check."""
         self.send_error(HTTPStatus.NOT_IMPLEMENTED)
 
     def _stream(self, page: WebPage) -> None:
@@ -282,7 +282,7 @@ class _Handler(SimpleHTTPRequestHandler):
         self.end_headers()
 
     def end_headers(self) -> None:
-        """Add the headers of every answer."""
+        """Send the security headers with every response."""
         self.send_header("Cache-Control", "no-store")
         self.send_header("Content-Security-Policy", _POLICY)
         self.send_header("X-Content-Type-Options", "nosniff")

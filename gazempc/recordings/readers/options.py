@@ -1,17 +1,12 @@
-"""Options of the readers, facts about a file that are not in it; and the choice of one person of several."""
+"""Options of the readers: facts about a file that are not in it."""
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from pydantic import BaseModel, ConfigDict, Field
-
-from gazempc.errors import SettingsError, suggest
-
-_SHOWN = 8
 
 
 class ReadOptions(BaseModel):
@@ -76,28 +71,3 @@ class ReadOptions(BaseModel):
         description="Axes of bag_frame: z forward, y down (optical) or x forward, z up; default: by its name, or by "
         "the positions of people.",
     )
-
-
-def choose_person(source: Path, seen: Counter[str], wanted: str | None) -> tuple[str, list[str]]:
-    """Select one person of a file.
-
-    Args:
-        source: The file, for messages.
-        seen: Number of frames with each person, by id; at least one person.
-        wanted: The user's choice, or None for the person in most frames (of several, the first).
-
-    Returns:
-        The id, and a note if there are others.
-
-    Raises:
-        SettingsError: If the wanted person is not in the file.
-    """
-    chosen = seen.most_common(1)[0][0] if wanted is None else wanted
-    if chosen not in seen:
-        raise SettingsError(f"--reading.person {wanted}: not in {source}; {suggest(chosen, seen)}")
-    if len(seen) == 1:
-        return chosen, []
-    others = [f"{name} ({count})" for name, count in seen.most_common() if name != chosen]
-    more = f" and {len(others) - _SHOWN} more" if len(others) > _SHOWN else ""
-    about = f"person {chosen} of {len(seen)} ({seen[chosen]} frames{'' if wanted else ', the most'})"
-    return chosen, [f"{about}; also in the file: {', '.join(others[:_SHOWN])}{more}; choose by --reading.person"]

@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gazempc.errors import RecordingError, SettingsError, shown
+from gazempc.errors import RecordingError, SettingsError, shown, suggest
 from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
 from gazempc.recordings.readers.bag_frames import FIXED_FRAMES, person_axes
 from gazempc.recordings.readers.checks import recording_of
-from gazempc.recordings.readers.options import ReadOptions, choose_person
+from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.readers.tables.body_poses import read_parts, ros_frame
 from gazempc.recordings.readers.tables.mapping import (
     NEEDED,
@@ -51,6 +51,8 @@ HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
 _FEW_ROWS = 20
 _EVERY_ROW = ":30hz"
 # Keys whose values name columns.
+# Number of other people in a note, which is one line.
+_SHOWN_PEOPLE = 8
 _COLUMN_KEYS = ColumnMapping.model_fields.keys() - {"head", "axes", "head_axes", "pelvis_axes", "origin", "kind"}
 _OPTIONAL_PARTS = {
     "the head's orientation": "head_quat_wxyz",
@@ -104,7 +106,7 @@ def read_table(path: Path, options: ReadOptions) -> Recording:
         ids = np.array([_plain(text) for text in table.texts(table.one(mapping.person))])
         seen = Counter(dict.fromkeys(ids.tolist(), 0))
         seen.update(ids[known].tolist())
-        identity, more = choose_person(path, seen, person and _plain(person))
+        identity, more = _choose_person(path, seen, person and _plain(person))
         selected, notes = ids == identity, [*notes, *more]
     count, lost = int(selected.sum()), selected & ~known
     if lost.any():
@@ -165,6 +167,31 @@ def shipped_mappings() -> dict[str, ShippedMapping]:
     found = {name: load_spec(ShippedMapping, FOLDER, name) for name in shipped_names(FOLDER)}
     # Most specific first, by number of columns: a skeleton before a rigid body.
     return dict(sorted(found.items(), key=lambda item: -len(item[1].texts())))
+
+
+def _choose_person(source: Path, seen: Counter[str], wanted: str | None) -> tuple[str, list[str]]:
+    """Select one person of a file.
+
+    Args:
+        source: The file, for messages.
+        seen: Number of frames with each person, by id; at least one person.
+        wanted: The user's choice, or None for the person in most frames (of several, the first).
+
+    Returns:
+        The id, and a note if there are others.
+
+    Raises:
+        SettingsError: If the wanted person is not in the file.
+    """
+    chosen = seen.most_common(1)[0][0] if wanted is None else wanted
+    if chosen not in seen:
+        raise SettingsError(f"--reading.person {wanted}: not in {source}; {suggest(chosen, seen)}")
+    if len(seen) == 1:
+        return chosen, []
+    others = [f"{name} ({count})" for name, count in seen.most_common() if name != chosen]
+    more = f" and {len(others) - _SHOWN_PEOPLE} more" if len(others) > _SHOWN_PEOPLE else ""
+    about = f"person {chosen} of {len(seen)} ({seen[chosen]} frames{'' if wanted else ', the most'})"
+    return chosen, [f"{about}; also in the file: {', '.join(others[:_SHOWN_PEOPLE])}{more}; choose by --reading.person"]
 
 
 def _plain(text: str) -> str:

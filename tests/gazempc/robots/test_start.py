@@ -1,11 +1,12 @@
-"""Approach: a neck outside the command limits is moved slowly into them."""
+"""Approach from outside of the command limits, and validation of readings."""
 
 import numpy as np
 import pytest
 from builders.live import NECK
 
 from gazempc.errors import RobotError
-from gazempc.robots.robot import way_in_rad
+from gazempc.robots.robot import checked_reading, way_in_rad
+from gazempc.types import JointState
 
 
 def test_a_neck_outside_the_command_range_approaches_it_slowly():
@@ -22,3 +23,10 @@ def test_a_neck_outside_the_command_range_approaches_it_slowly():
     assert way_in_rad(neck, np.zeros(2)).shape == (0, 2)
     with pytest.raises(RobotError, match="outside its range"):
         way_in_rad(neck, np.radians([85.0, 0.0]))
+
+
+@pytest.mark.parametrize("angle_rad", [1e11, -np.inf])
+def test_a_reading_beyond_any_joint_is_refused_and_a_missing_angle_is_not(angle_rad):
+    with pytest.raises(RobotError, match=r"read_state\(\) returned position_rad"):
+        checked_reading(JointState(0.0, np.array([0.0, angle_rad]), np.zeros(2)), NECK)
+    assert np.isnan(checked_reading(JointState(0.0, np.array([0.0, np.nan]), np.zeros(2)), NECK).position_rad[1])
