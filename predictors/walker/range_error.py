@@ -39,6 +39,7 @@ class MeasuredRange:
         # Time, range and direction of each frame.
         self._frames: deque[tuple[float, float, list[float]]] = deque(maxlen=3 * _LAGS[-1] + 1)
         self._recent_m = [deque([_PRIOR_M] * _PRIOR_FRAMES, maxlen=_MEMORY_FRAMES) for _ in _LAGS]
+        self._variance_m2 = 0.0
 
     def learn(self, observation: HeadObservation) -> None:
         """Update with a detection, before gating.
@@ -52,7 +53,7 @@ class MeasuredRange:
         self._frames.append((observation.capture_time_s, range_m, direction))
         for lag, recent in zip(_LAGS, self._recent_m, strict=True):
             if len(self._frames) <= 3 * lag:
-                return
+                break
             frames = [self._frames[row] for row in range(-1 - 3 * lag, 0, lag)]
             a, b, c, d = (time_s for time_s, _, _ in frames)
             if d - a > _SPAN_S or min(b - a, c - b, d - c) < STEP_S:
@@ -63,12 +64,13 @@ class MeasuredRange:
             beside_m = range_m * math.hypot(*turned) / norm
             if beside_m <= max(_BESIDE_M, _BESIDE_SHARE * off_m):
                 recent.append(off_m)
+        white_m2, slow_m2 = ((_SD_OF_MEDIAN * median_high(recent)) ** 2 for recent in self._recent_m)
+        drift_m2 = max(slow_m2 - max(white_m2, _USUAL_M2), 0.0)
+        self._variance_m2 = max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
 
     def variance_m2(self) -> float:
         """Variance of the range beyond that of usual trackers, square metres; 0 for those."""
-        white_m2, slow_m2 = ((_SD_OF_MEDIAN * median_high(recent)) ** 2 for recent in self._recent_m)
-        drift_m2 = max(slow_m2 - max(white_m2, _USUAL_M2), 0.0)
-        return max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
+        return self._variance_m2
 
     def covariance_m2(self, position_m: FloatArray) -> FloatArray:
         """Covariance of rank one along the line of sight.
@@ -79,5 +81,7 @@ class MeasuredRange:
         Returns:
             Covariance, shape (3, 3), square metres; zero across the line of sight.
         """
+        if not self._variance_m2:  # the usual case
+            return np.zeros((3, 3))
         range_m2 = max(float(position_m @ position_m), _NEAREST_M**2)
-        return np.asarray(self.variance_m2() / range_m2 * np.outer(position_m, position_m))
+        return np.asarray(self._variance_m2 / range_m2 * np.outer(position_m, position_m))
