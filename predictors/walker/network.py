@@ -37,7 +37,8 @@ N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
 _USUAL_DEPARTURE_M = np.array([0.06, 0.2, 0.2])
 _USUAL_DISAGREEMENT_M = 0.02
-_MIRRORED = np.array([1.0, -1.0, 1.0])
+# Scale of the outputs for the given inputs and for the mirrored ones, shape (2, 1, knots, 3).
+_SCALES_M = DEPARTURE_SCALE_M[:, None] * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])[:, None, None]
 
 
 class WalkerModelError(ValueError):
@@ -136,17 +137,12 @@ class Ensemble:
             motion: Motion in the two regimes.
         """
         ensemble, _, hidden = self.weights[0].shape
-        inputs = np.empty((2 * len(network), N_INPUTS), dtype=np.float32)
-        inputs[: len(network)] = network
-        np.multiply(network, MIRROR, out=inputs[len(network) :], casting="same_kind")
-        first = inputs @ self._first
+        first = np.concatenate([network, network * MIRROR]).astype(np.float32) @ self._first
         h = first.reshape(-1, ensemble, hidden).transpose(1, 0, 2) + self.biases[0]
         for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
             h = np.tanh(h) @ w + b
         outputs = h.reshape(ensemble, 2, len(network), N_OUTPUTS).astype(np.float64)
-        departures = outputs[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3)
-        departures[:, 1] *= _MIRRORED
-        departures *= DEPARTURE_SCALE_M[:, None]
+        departures = outputs[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3) * _SCALES_M
         shape = (2 * ensemble, len(network), KNOTS_S.size, 3)
         stays = staying(outputs[..., PLACES], motion)
         return Regimes(departures.reshape(shape), stays.reshape(shape), outputs[..., WALKS].reshape(shape[:2]))
@@ -165,11 +161,9 @@ def staying(places: Any, motion: RegimeMotion, xp: Any = np) -> Any:
         weighted by the softmax of the logits.
     """
     share = xp.exp(places - places.max(axis=-1, keepdims=True))
-    share = share / share.sum(axis=-1, keepdims=True)
-    newest_m = motion.places_m[:, 0]
-    back_m = xp.einsum("...np,npi->...ni", share, motion.places_m) - newest_m
-    stays_m = newest_m[:, None, :] + _RETURNED[:, None] * back_m[..., None, :]
-    return stays_m - KNOTS_S[:, None] * motion.line_m_s[:, None, :]
+    mean_m = share[..., None, :] @ motion.places_m / share.sum(axis=-1)[..., None, None]
+    begin_m = (1.0 - _RETURNED)[:, None] * motion.places_m[:, :1]
+    return begin_m - KNOTS_S[:, None] * motion.line_m_s[:, None] + _RETURNED[:, None] * mean_m
 
 
 @dataclass(frozen=True)
@@ -268,14 +262,14 @@ class WalkerModel:
         shift = 0.0 if evidence is None else evidence - regimes.evidence
         walks = 1.0 / (1.0 + np.exp(slope * (threshold - regimes.logit - shift)))
         apart = regimes.walk_m - regimes.stay_m
-        far = np.sqrt(np.einsum("...i,...i->...", apart[..., _FAR, :2], apart[..., _FAR, :2]))
+        far = np.hypot(apart[..., _FAR, 0], apart[..., _FAR, 1])
         outputs = regimes.stay_m + walks[..., None, None] * apart
         n = len(outputs)
         departure = np.add.reduce(outputs, axis=0) / n
         # Disagreement in the horizontal plane, where turns take place.
         off = outputs[:, :, _FAR, :2] - departure[:, _FAR, :2]
-        disagreement = np.sqrt(np.einsum("eni,eni->n", off, off) / n)
-        regime_sd_m = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far**2, axis=0) / n)
+        disagreement = np.sqrt(np.add.reduce(off * off, axis=(0, 2)) / n)
+        regime_sd_m = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far * far, axis=0) / n)
         doubt = np.empty((len(spread), N_DOUBT))
         doubt[:, :N_SPREAD] = spread
         size = doubt[:, N_SPREAD : N_SPREAD + 3]
