@@ -77,7 +77,7 @@ class Walker:
         self._recent.append(observation)
         if observation.position_covariance_m2 is None:
             self._range.learn(observation)
-        range_m2 = self._range.variance_m2()
+        range_m2 = self._range.variance_m2
         if range_m2 > _WORSE_M2 + _WORSE_TIMES2 * self._largest_m2:
             # The earlier frames were filtered with a range variance that was too small.
             self._position.reset()

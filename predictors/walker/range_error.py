@@ -33,13 +33,16 @@ class MeasuredRange:
 
     Median of the third differences: robust to one outlier in ten frames. The sensor is assumed at the origin. Plain
     floats: NumPy is several times slower for arrays this small.
+
+    Attributes:
+        variance_m2: Variance of the range beyond that of usual trackers, square metres; 0 for those.
     """
 
     def __init__(self) -> None:
         # Time, range and direction of each frame.
         self._frames: deque[tuple[float, float, list[float]]] = deque(maxlen=3 * _LAGS[-1] + 1)
         self._recent_m = [deque([_PRIOR_M] * _PRIOR_FRAMES, maxlen=_MEMORY_FRAMES) for _ in _LAGS]
-        self._variance_m2 = 0.0
+        self.variance_m2 = 0.0
 
     def learn(self, observation: HeadObservation) -> None:
         """Update with a detection, before gating.
@@ -66,11 +69,7 @@ class MeasuredRange:
                 recent.append(off_m)
         white_m2, slow_m2 = ((_SD_OF_MEDIAN * median_high(recent)) ** 2 for recent in self._recent_m)
         drift_m2 = max(slow_m2 - max(white_m2, _USUAL_M2), 0.0)
-        self._variance_m2 = max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
-
-    def variance_m2(self) -> float:
-        """Variance of the range beyond that of usual trackers, square metres; 0 for those."""
-        return self._variance_m2
+        self.variance_m2 = max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
 
     def covariance_m2(self, position_m: FloatArray) -> FloatArray:
         """Covariance of rank one along the line of sight.
@@ -81,7 +80,5 @@ class MeasuredRange:
         Returns:
             Covariance, shape (3, 3), square metres; zero across the line of sight.
         """
-        if not self._variance_m2:  # the usual case
-            return np.zeros((3, 3))
         range_m2 = max(float(position_m @ position_m), _NEAREST_M**2)
-        return np.asarray(self._variance_m2 / range_m2 * np.outer(position_m, position_m))
+        return np.asarray(self.variance_m2 / range_m2 * np.outer(position_m, position_m))

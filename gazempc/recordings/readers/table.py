@@ -50,9 +50,9 @@ _LEAST_USABLE = 0.5
 HIPS_HEIGHT_M, _HIPS_AT_ORIGIN_M = 0.95, 0.1
 _FEW_ROWS = 20
 _EVERY_ROW = ":30hz"
-# Keys whose values name columns.
 # Number of other people in a note, which is one line.
 _SHOWN_PEOPLE = 8
+# Keys whose values name columns.
 _COLUMN_KEYS = ColumnMapping.model_fields.keys() - {"head", "axes", "head_axes", "pelvis_axes", "origin", "kind"}
 _OPTIONAL_PARTS = {
     "the head's orientation": "head_quat_wxyz",

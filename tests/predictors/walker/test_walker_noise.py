@@ -166,7 +166,7 @@ def range_measured(times_s, positions_m):
     variances_m2 = []
     for time_s, position_m in zip(times_s.tolist(), positions_m, strict=True):
         found.learn(HeadObservation(time_s, position_m))
-        variances_m2.append(found.variance_m2())
+        variances_m2.append(found.variance_m2)
     return found, np.array(variances_m2)
 
 
