@@ -195,6 +195,15 @@ def test_a_person_is_selected_by_an_id_column(tmp_path):
         read(path, "t=s, head=[x,y,z], person=who", person="bop")
 
 
+def test_a_note_on_many_people_counts_those_that_it_omits(tmp_path):
+    ids = [f"p{k:02d}" for k in range(11) for _ in range(4)] + ["p00"]
+    path = write(tmp_path / "a.csv", ["s", "who", "x", "y", "z"], T, ids, Walk.head_m)
+    (note,) = (each for each in read(path, "t=s, head=[x,y,z], person=who").notes if "also in the file" in each)
+    assert "person p00 of 11 (5 frames, the most)" in note
+    assert "p08 (4) and 2 more" in note
+    assert "p09" not in note
+
+
 @pytest.mark.parametrize(
     ("columns", "named"),
     [
