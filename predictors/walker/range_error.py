@@ -40,7 +40,7 @@ class MeasuredRange:
 
     def __init__(self) -> None:
         # Time, range and direction of each frame.
-        self._frames: deque[tuple[float, float, list[float]]] = deque(maxlen=3 * _LAGS[-1] + 1)
+        self._frames: deque[tuple[float, ...]] = deque(maxlen=3 * _LAGS[-1] + 1)
         self._recent_m = [deque([_PRIOR_M] * _PRIOR_FRAMES, maxlen=_MEMORY_FRAMES) for _ in _LAGS]
         self.variance_m2 = 0.0
 
@@ -50,23 +50,20 @@ class MeasuredRange:
         Args:
             observation: The observation, newer than all before it.
         """
-        position_m = observation.head_position_base_m.tolist()
-        range_m = math.hypot(*position_m)
-        direction = [part / max(range_m, _NEAREST_M) for part in position_m]
-        self._frames.append((observation.capture_time_s, range_m, direction))
+        x, y, z = observation.head_position_base_m.tolist()
+        range_m = math.hypot(x, y, z)
+        away_m = max(range_m, _NEAREST_M)
+        self._frames.append((observation.capture_time_s, range_m, x / away_m, y / away_m, z / away_m))
         for lag, recent in zip(_LAGS, self._recent_m, strict=True):
             if len(self._frames) <= 3 * lag:
                 break
-            frames = [self._frames[row] for row in range(-1 - 3 * lag, 0, lag)]
-            a, b, c, d = (time_s for time_s, _, _ in frames)
+            (a, b, c, d), *columns = zip(*(self._frames[row] for row in range(-1 - 3 * lag, 0, lag)), strict=True)
             if d - a > _SPAN_S or min(b - a, c - b, d - c) < STEP_S:
                 continue
             weights, norm = third_difference(a, b, c, d)
-            off_m = abs(sum(weight * each_m for weight, (_, each_m, _) in zip(weights, frames, strict=True))) / norm
-            turned = (sum(map(mul, weights, parts)) for parts in zip(*(each for *_, each in frames), strict=True))
-            beside_m = range_m * math.hypot(*turned) / norm
-            if beside_m <= max(_BESIDE_M, _BESIDE_SHARE * off_m):
-                recent.append(off_m)
+            off_m, *turned = (sum(map(mul, weights, column)) / norm for column in columns)
+            if range_m * math.hypot(*turned) <= max(_BESIDE_M, _BESIDE_SHARE * abs(off_m)):
+                recent.append(abs(off_m))
         white_m2, slow_m2 = ((_SD_OF_MEDIAN * median_high(recent)) ** 2 for recent in self._recent_m)
         drift_m2 = max(slow_m2 - max(white_m2, _USUAL_M2), 0.0)
         self.variance_m2 = max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
