@@ -27,8 +27,8 @@ _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
 # Initial logits: walking with high probability, and the newest position as the place of staying.
 _BEGINS_WALKING, _BEGINS_NEWEST = 2.0, 1.0
 # Regime of staying in the fit: an exponential return with this time constant, seconds. Networks that are fitted with
-# the critically damped return of the forecast have 0.9 points less contact with stopping pedestrians (59.6 and 60.5 %,
-# `body_tracker`, equal seeds).
+# the critically damped return of the forecast have 0.9 points less contact with stopping pedestrians (59.6 in place of
+# 60.5 %, `body_tracker`, equal seeds).
 _RETURN_TIME_S = 0.5
 # Lower weights at the ends: necks use the forecast 0.1 to 1 s ahead.
 _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])
@@ -112,22 +112,20 @@ def fit_networks(
     sizes = (columns.size, *HIDDEN, walker.N_OUTPUTS)
     optimiser = optax.adamw(optax.cosine_decay_schedule(_LEARNING_RATE, steps), weight_decay=_WEIGHT_DECAY)
 
-    knots_s = jnp.asarray(walker.KNOTS_S, dtype=jnp.float32)[:, None]
-    returned = 1.0 - jnp.exp(-knots_s / _RETURN_TIME_S)
+    returned = jnp.asarray(1.0 - np.exp(-walker.KNOTS_S / _RETURN_TIME_S), dtype=jnp.float32)
 
-    def output(layers: Any, h: Any, line_m_s: Any, places_m: Any) -> Any:
+    def output(layers: Any, h: Any, motion: walker.RegimeMotion) -> Any:
         for w, b in layers[:-1]:
             h = jnp.tanh(h @ w + b)
         answers = h @ layers[-1][0] + layers[-1][1]
         departures = answers[:, walker.DEPARTURES].reshape(-1, walker.KNOTS_S.size, 3) * scale
         walks = 1.0 / (1.0 + jnp.exp(-answers[:, walker.WALKS]))
-        place_m = jax.nn.softmax(answers[:, walker.PLACES])[:, None] @ places_m
-        stays = (1.0 - returned) * places_m[:, :1] - knots_s * line_m_s[:, None] + returned * place_m
+        stays = walker.staying(answers[:, walker.PLACES], motion, returned, xp=jnp)
         return walks[:, None, None] * departures + (1.0 - walks)[:, None, None] * stays
 
     def loss(layers: Any, batch: Any) -> Any:
         x, y, known, weight, noise_m2, line_m_s, places_m = batch
-        off = output(layers, x.astype(jnp.float32), line_m_s, places_m) - y
+        off = output(layers, x.astype(jnp.float32), walker.RegimeMotion(line_m_s, places_m)) - y
         # The constant keeps the gradient of the square root finite at zero.
         distance = jnp.sqrt(seen_distance2(off, noise_m2, usual_m2) + 1e-5)
         return jnp.mean(jnp.where(known, distance, 0.0) * weight[:, None] * knot_weights)

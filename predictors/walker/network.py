@@ -144,25 +144,27 @@ class Ensemble:
         outputs = h.reshape(ensemble, 2, len(network), N_OUTPUTS).astype(np.float64)
         departures = outputs[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3) * _SCALES_M
         shape = (2 * ensemble, len(network), KNOTS_S.size, 3)
-        stays = _staying(outputs[..., PLACES], motion)
+        stays = staying(outputs[..., PLACES], motion, _RETURNED)
         return Regimes(departures.reshape(shape), stays.reshape(shape), outputs[..., WALKS].reshape(shape[:2]))
 
 
-def _staying(places: FloatArray, motion: RegimeMotion) -> FloatArray:
+def staying(places: Any, motion: RegimeMotion, returned: Any, xp: Any = np) -> Any:
     """Departure from the line in the regime of staying.
 
     Args:
         places: Logits of the places of staying, shape (..., N, N_PLACES).
         motion: Motion in the two regimes.
+        returned: Share of the way from the newest position to the mean of the places at each knot, shape (knots,).
+        xp: numpy, or jax.numpy where the networks are fitted.
 
     Returns:
-        Shape (..., N, knots, 3), metres: critically damped return from the newest position to the mean of the places,
-        weighted by the softmax of the logits.
+        Shape (..., N, knots, 3), metres: return from the newest position to the mean of the places, weighted by the
+        softmax of the logits.
     """
-    share = np.exp(places - places.max(axis=-1, keepdims=True))
+    share = xp.exp(places - places.max(axis=-1, keepdims=True))
     mean_m = share[..., None, :] @ motion.places_m / share.sum(axis=-1)[..., None, None]
-    begin_m = (1.0 - _RETURNED)[:, None] * motion.places_m[:, :1]
-    return np.asarray(begin_m - KNOTS_S[:, None] * motion.line_m_s[:, None] + _RETURNED[:, None] * mean_m)
+    begin_m = (1.0 - returned)[:, None] * motion.places_m[:, :1]
+    return begin_m - KNOTS_S[:, None] * motion.line_m_s[:, None] + returned[:, None] * mean_m
 
 
 @dataclass(frozen=True)

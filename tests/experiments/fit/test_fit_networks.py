@@ -34,6 +34,25 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     assert np.mean(np.abs(error[known, 4, 1])) < 0.5 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
 
+@pytest.mark.slow
+def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
+    """People at rest return over 0.6 of the way to one of the places with a time constant of 0.5 s.
+
+    A weight of 0.6 of the regime of staying is equivalent, so the product of both is recovered.
+    """
+    examples = toy(2000, 0)
+    examples.places_m[:, 1] = np.random.default_rng(2).normal(0.0, 0.2, (2000, 3))
+    examples.departure_m[:] = 0.6 * (1.0 - np.exp(-KNOTS_S / 0.5))[:, None] * examples.places_m[:, 1:2]
+    ensemble = Ensemble(*fit_networks(examples, 0, 1, 1500))
+    motion = RegimeMotion(examples.line_m_s.astype(float), examples.places_m.astype(float))
+    regimes = ensemble(examples.network.astype(float), motion)
+    stay_m = regimes.stay_m[0, :, -1] / (1.0 + np.exp(regimes.logit[0]))[:, None]
+    # The forecast's own return, critically damped with 0.4 s.
+    returned = 1.0 - (1.0 + KNOTS_S[-1] / 0.4) * np.exp(-KNOTS_S[-1] / 0.4)
+    share = np.sum(stay_m * examples.places_m[:, 1]) / np.sum(examples.places_m[:, 1] ** 2) / returned
+    assert share == pytest.approx(0.6, abs=0.03)
+
+
 def test_errors_are_weighted_by_the_inverse_covariance():
     """Compared with the inverse of the full covariance."""
     rng = np.random.default_rng(0)
