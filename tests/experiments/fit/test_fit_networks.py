@@ -10,7 +10,7 @@ from scipy.stats import f as f_distribution
 from experiments.fit.networks import fit_networks, seen_distance2
 from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
-from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion, WalkerModel
+from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, WalkerModel
 
 
 @pytest.mark.slow
@@ -27,9 +27,7 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     assert not weights[0][:, hidden].any()
     assert weights[0][:, ~hidden].any(axis=2).all()
     model = WalkerModel(*3 * (Ensemble(weights, biases),), straight_model().log_spread)
-    motion = RegimeMotion(other.line_m_s.astype(float), other.places_m.astype(float))
-    regimes = model.regimes(other.network.astype(float), motion, other.precise.astype(float))
-    error = model.answer(regimes, other.spread.astype(float))[0] - other.departure_m
+    error = Found.by(model, other).error_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.5 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
