@@ -165,7 +165,7 @@ def fit_networks(
 _LIBRARIES = ("jax", "jaxlib", "optax")
 # Slope and threshold of the decision between walking and staying. Chosen on standing and starting people left out of
 # the fit; `docs/predictors.md` has the trade-off over the threshold.
-_DECISION = (2.5, 1.0)
+_DECISION = (1.5, 0.7)
 
 
 @dataclass(frozen=True)
