@@ -27,6 +27,10 @@ _WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
 # people left out of the fit: it halves the false starts; from 0.2 s on, at a threshold that detects true starts, eye
 # contact with starting people decreases.
 _EVIDENCE_S = 0.1
+# Log-odds before a track's first frame. Of the first output, -1, -2.5 and -4, on waiting, starting, stopping and
+# walking people outside the fit: it removes the false starts of a tracker's first frames; walkers lose 0.1 points of
+# contact.
+_PRIOR_EVIDENCE = -2.5
 
 
 class Walker:
@@ -55,7 +59,7 @@ class Walker:
         self._history = WalkerHistory()
         self._inputs: WalkerInputs | None = None
         self._outputs: FloatArray | None = None
-        self._evidence: float | None = None
+        self._evidence = _PRIOR_EVIDENCE
         self._knots: BetweenKnots | None = None
 
     def reset(self) -> None:
@@ -98,22 +102,20 @@ class Walker:
         if self._position.started_at_s != started_at_s:
             self._reset_track()
         _, state, _ = self._position.state()
-        last_s = None if self._inputs is None else self._inputs.time_s
+        last_s = taken[0].capture_time_s if self._inputs is None else self._inputs.time_s
         for each in taken:  # several if a candidate has become the track
             inputs = self._history.add(each, state, noise_m2(each, measured_m2))
         self._inputs = inputs
         self._evaluate_networks(inputs, last_s)
         self._knots = None
 
-    def _evaluate_networks(self, inputs: WalkerInputs, last_s: float | None) -> None:
+    def _evaluate_networks(self, inputs: WalkerInputs, last_s: float) -> None:
         """Evaluate the networks, and low-pass filter the log-odds of walking."""
         if inputs.on_foot == 0.0:  # the line has no direction at a first frame
             return
         self._outputs = self._model.outputs(inputs.network, inputs.precise)
-        before, self._evidence = self._evidence, evidence_of(self._outputs)
-        if before is not None and last_s is not None:
-            gain = -math.expm1((last_s - inputs.time_s) / _EVIDENCE_S)
-            self._evidence = before + gain * (self._evidence - before)
+        gain = -math.expm1((last_s - inputs.time_s) / _EVIDENCE_S)
+        self._evidence += gain * (evidence_of(self._outputs) - self._evidence)
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the networks, for a fit.
@@ -140,7 +142,6 @@ class Walker:
         times = as_times(times_s)
         if self._knots is None:
             assert self._outputs is not None
-            assert self._evidence is not None
             of_track = inputs.spread, inputs.line_m_s, inputs.places_m
             departure_m, doubt = self._model.answer(self._outputs, self._evidence, *of_track)
             to_base = inputs.to_base

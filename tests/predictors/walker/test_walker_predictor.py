@@ -106,14 +106,14 @@ def test_observation_noise_keeps_its_principal_axes(heading_rad, v):
 def test_blend_is_the_mixture_of_both_forecasts():
     """Mean and covariance of a two-part mixture, from moments; the evidence of a walk is low-pass filtered (0.1 s)."""
     walker, cv, model = Walker(random_model()), ConstantVelocity(), random_model()
-    evidence = None
+    evidence = -2.5  # before the first frame
     for observation in walking_at(2.6):
         end_s = shown([observation], walker, cv)
         inputs = walker.inputs()
         if inputs.on_foot > 0.0:
             outputs = model.outputs(inputs.network, inputs.precise)
             newest = evidence_of(outputs)
-            evidence = newest if evidence is None else newest + np.exp(-1 / 30 / 0.1) * (evidence - newest)
+            evidence = newest + np.exp(-1 / 30 / 0.1) * (evidence - newest)
     share = inputs.on_foot
     assert 0.2 < share < 0.8
     mixed, plain = walker.forecast([end_s + 0.5]), cv.forecast([end_s + 0.5])
