@@ -15,6 +15,6 @@ for controller in ("reactive", "lookahead", "mpc", "mpc+perfect"):
 
 # It prints:
 # reactive     9.90, 11.41  mean 10.65 deg, eye contact  11%
-# lookahead    0.36,  2.64  mean  1.50 deg, eye contact  91%
-# mpc          0.41,  2.54  mean  1.47 deg, eye contact  91%
+# lookahead    0.35,  2.63  mean  1.49 deg, eye contact  91%
+# mpc          0.40,  2.54  mean  1.47 deg, eye contact  91%
 # mpc+perfect  0.09,  0.11  mean  0.10 deg, eye contact 100%
