@@ -105,17 +105,11 @@ class Walker:
         last_s = taken[0].capture_time_s if self._inputs is None else self._inputs.time_s
         for each in taken:  # several if a candidate has become the track
             inputs = self._history.add(each, state, noise_m2(each, measured_m2))
-        self._inputs = inputs
-        self._evaluate_networks(inputs, last_s)
-        self._knots = None
-
-    def _evaluate_networks(self, inputs: WalkerInputs, last_s: float) -> None:
-        """Evaluate the networks, and low-pass filter the log-odds of walking."""
-        if inputs.on_foot == 0.0:  # the line has no direction at a first frame
-            return
-        self._outputs = self._model.outputs(inputs.network, inputs.precise)
-        gain = -math.expm1((last_s - inputs.time_s) / _EVIDENCE_S)
-        self._evidence += gain * (evidence_of(self._outputs) - self._evidence)
+        self._inputs, self._knots = inputs, None
+        if inputs.on_foot > 0.0:  # the line has no direction at a first frame
+            self._outputs = self._model.outputs(inputs.network, inputs.precise)
+            gain = -math.expm1((last_s - inputs.time_s) / _EVIDENCE_S)
+            self._evidence += gain * (evidence_of(self._outputs) - self._evidence)
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the networks, for a fit.
