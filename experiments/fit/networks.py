@@ -163,8 +163,8 @@ def fit_networks(
 
 
 _LIBRARIES = ("jax", "jaxlib", "optax")
-# Slope and threshold of the decision between walking and staying. Chosen on standing and starting people left out of
-# the fit; `docs/predictors.md` has the trade-off over the threshold.
+# Slope and threshold of the decision between walking and staying. Chosen on standing, waiting, starting and stopping
+# people left out of the fit; `docs/predictors.md` has the trade-off over the threshold.
 _DECISION = (1.5, 0.7)
 
 

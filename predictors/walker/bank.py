@@ -12,7 +12,7 @@ from predictors.constant_velocity import process_noise, transition
 from predictors.types import FloatArray
 from predictors.walker.noise import NEVER_S
 
-# Constant-velocity filters: power density of the acceleration, m^2/s^3, and s.d. of gait as measurement noise at 30
+# Constant-velocity filters: power spectral density of the acceleration, m^2/s^3, and s.d. of gait as measurement noise at 30
 # frames a second, metres. Time constants from one frame to 0.8 s separate a tracker's noise, gait, a tracker's drift
 # and a change of direction.
 FILTERS = (
@@ -73,7 +73,8 @@ def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_
         Q: Any = process_noise(dt_s, psd)
         P = _symmetric(F @ P @ F.T + Q)
         R = noise_m2 + (gait_m**2 / frames + _ROUNDING_M2) * np.eye(3)
-        K = P[:, :3] @ ca.inv_minor(P[:3, :3] + R)
+        # LDL': with a stated covariance of condition 1e9 the minors of the matrix cancel.
+        K = ca.ldl_solve(P[:3, :], *ca.ldl(P[:3, :3] + R, False)).T
         innovation_m = position_m - x[:3]
         # Joseph form, as in `ConstantVelocity`: with R of condition 1e4 the short form diverges.
         rest = ca.SX.eye(6) - ca.horzcat(K, ca.SX(6, 3))
@@ -84,7 +85,7 @@ def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_
 
 
 def _symmetric(matrix: ca.SX) -> ca.SX:
-    # Of the upper triangle nothing is computed.
+    # The upper triangle is not computed.
     return ca.tril2symm(ca.tril(matrix))
 
 

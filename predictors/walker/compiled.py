@@ -13,7 +13,7 @@ from predictors.types import FloatArray
 
 
 class Compiled(threading.local):
-    """A CasADi function of flat arrays, with one set of buffers a thread.
+    """A CasADi function of flat arrays, with one set of buffers per thread.
 
     A call takes a tenth of the time of a call that converts its arguments.
 

@@ -34,10 +34,6 @@ _LARGEST, _SMALLEST_NOISE, _SMALLEST_RATIO2, _LEAST_RATE = 4.0, 0.1, 0.01, 1e-3
 # Precise trackers, such as motion capture: ramps from full to zero weight over the white error of the position (at
 # least 2 mm, the floor of the estimate) and over the horizontal RMS innovation of the fastest filter, metres.
 _PRECISE_WHITE_M, _PRECISE_INNOVATION_M = (0.0025, 0.0032), (0.012, 0.015)
-# Share of measurements in the white error at which the weight is full. The weight is zero below 14 frames a second,
-# where the white error is not measured: with `reference` at 10 Hz the networks for precise trackers have 25 % more
-# error.
-_MEASURED_SHARE = 0.25
 _ROUNDING_M2 = 1e-12  # a stated covariance may be nearly singular
 # Lengths of a track, seconds: a stride, and the first frames.
 _STRIDE_S, _FIRST_S = 1.2, 0.33
@@ -122,7 +118,7 @@ class WalkerHistory:
 
         Args:
             observation: The observation, newer than all before it.
-            line: Position and velocity of the line's filter at the capture time, shape (6,), metres and m/s.
+            line: Position and velocity of the line's filter at the newest capture time, shape (6,), metres and m/s.
             covariance_m2: Covariance of the observed position, shape (3, 3), square metres.
 
         Returns:
@@ -237,11 +233,13 @@ def _follow(
 
 def _precision(noise_m2: ca.SX, measured: ca.SX, innovation_m: ca.SX) -> ca.SX:
     """Weight of the networks for precise trackers, from a white error of which a share is measured."""
-    white_m2 = (noise_m2 - (1.0 - measured) * PRIOR_M**2) / ca.fmax(measured, _ROUNDING_M2)
+    white_m2 = (noise_m2 - (1.0 - measured) * PRIOR_M**2) / measured
     x_m2, y_m2, z_m2 = ca.vertsplit(ca.fmax(white_m2, _ROUNDING_M2))
     weight = 1.0 - bank.ramp((x_m2 * y_m2 * z_m2) ** (1.0 / 6.0), *_PRECISE_WHITE_M)
     weight *= 1.0 - bank.ramp(innovation_m, *_PRECISE_INNOVATION_M)
-    return weight * ca.fmin(measured / _MEASURED_SHARE, 1.0)
+    # The white error is not measured below 15 frames a second; there the networks for precise trackers have 25 % more
+    # error (`reference` at 10 Hz).
+    return ca.if_else(measured > 0.0, weight, 0.0)
 
 
 _STEP = Compiled(_step)

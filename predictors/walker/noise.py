@@ -44,7 +44,7 @@ def third_difference(a: Any, b: Any, c: Any, d: Any) -> tuple[Any, Any, Any, Any
 
 
 # State of the white noise: covariance without its floor, number of frames, share of measurements in the covariance
-# (0 below 14 frames a second; the rest is the prior), the last three positions and the two intervals between them.
+# (0 below 15 frames a second; the rest is the prior), the last three positions and the two intervals between them.
 _COVARIANCE, _FRAMES, SHARE, _POSITIONS, _INTERVALS = slice(0, 9), 9, 10, slice(11, 20), slice(20, 22)
 WHITE_AT_START = np.array([*(PRIOR_M**2 * np.eye(3)).ravel(), _PRIOR_FRAMES, 0.0, *[0.0] * 9, NEVER_S, NEVER_S])
 

@@ -90,12 +90,16 @@ class Walker:
         self._largest_m2 = max(self._largest_m2, range_m2)
         self._process(observation)
 
-    def _process(self, observation: HeadObservation) -> None:
-        started_at_s = self._position.started_at_s
+    def _measured_m2(self, observation: HeadObservation) -> FloatArray:
+        """Estimated covariance of the observed position, for trackers that do not state it."""
         measured_m2 = self._history.white_noise_m2()
         if observation.position_covariance_m2 is None:
             measured_m2 = measured_m2 + self._range.covariance_m2(observation.head_position_base_m)
-        self._position.update_with(observation, measured_m2, _GAIT_M2)
+        return measured_m2
+
+    def _process(self, observation: HeadObservation) -> None:
+        started_at_s = self._position.started_at_s
+        self._position.update_with(observation, self._measured_m2(observation), _GAIT_M2)
         taken = self._position.accepted
         if not taken:
             return
@@ -104,7 +108,7 @@ class Walker:
         _, state, _ = self._position.state()
         last_s = taken[0].capture_time_s if self._inputs is None else self._inputs.time_s
         for each in taken:  # several if a candidate has become the track
-            inputs = self._history.add(each, state, noise_m2(each, measured_m2))
+            inputs = self._history.add(each, state, noise_m2(each, self._measured_m2(each)))
         self._inputs, self._knots = inputs, None
         if inputs.on_foot > 0.0:  # the line has no direction at a first frame
             self._outputs = self._model.outputs(inputs.network, inputs.precise)
