@@ -12,9 +12,9 @@ from predictors.constant_velocity import process_noise, transition
 from predictors.types import FloatArray
 from predictors.walker.noise import NEVER_S
 
-# Constant-velocity filters: power spectral density of the acceleration, m^2/s^3, and s.d. of gait as measurement noise at
-# 30 frames a second, metres. Time constants from one frame to 0.8 s separate a tracker's noise, gait, a tracker's drift
-# and a change of direction.
+# Constant-velocity filters: power spectral density of the acceleration, m^2/s^3, and s.d. of gait as measurement noise
+# at 30 frames a second, metres. Time constants from one frame to 0.8 s separate a tracker's noise, gait, a tracker's
+# drift and a change of direction.
 FILTERS = (
     (1.0, 0.0),
     (1.0, 0.03),
