@@ -16,7 +16,7 @@ for neck in ("reachy_mini", "reachy_mini_body"):
         )
 
 # It prints:
-# reachy_mini      reactive  4.26 deg, eye contact  39%, 0.54 rad/s²
-# reachy_mini      mpc       0.54 deg, eye contact 100%, 0.74 rad/s²
-# reachy_mini_body reactive  1.63 deg, eye contact  88%, 0.93 rad/s²
-# reachy_mini_body mpc       0.53 deg, eye contact 100%, 0.68 rad/s²
+# reachy_mini      reactive  4.28 deg, eye contact  38%, 0.57 rad/s²
+# reachy_mini      mpc       0.55 deg, eye contact 100%, 0.74 rad/s²
+# reachy_mini_body reactive  1.65 deg, eye contact  88%, 0.99 rad/s²
+# reachy_mini_body mpc       0.53 deg, eye contact 100%, 0.75 rad/s²

@@ -45,7 +45,7 @@ class FitSettings(WorkSettings):
     variants: int = Field(
         default=120, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
     )
-    networks: int = Field(default=2, ge=1, le=20, description="Networks in each of the three ensembles")
+    networks: int = Field(default=4, ge=1, le=20, description="Networks in each of the three ensembles")
     steps: int = Field(default=8000, ge=1, description="Steps of gradient descent for each network")
     seed: int = Field(default=0, ge=0, description="Seed of the random generators")
     out: Path = Field(default=Path("out/fit"), description="Output folder; an interrupted fit resumes from it")

@@ -103,16 +103,16 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
     for observation in observations:
         walker.update(observation)
         inputs = walker.inputs()
-        line = inputs.line
-        if line.time_s != observation.capture_time_s or inputs.on_foot == 0.0:
+        if inputs.time_s != observation.capture_time_s or inputs.on_foot == 0.0:
             continue
-        ahead_s = line.time_s + KNOTS_S
-        off = truth(ahead_s) - line.origin_base_m - KNOTS_S[:, None] * line.velocity_base_m_s
-        off = off @ line.to_base()
+        ahead_s = inputs.time_s + KNOTS_S
+        off = truth(ahead_s) - inputs.origin_base_m - KNOTS_S[:, None] * inputs.velocity_base_m_s
+        off = off @ inputs.to_base
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
         truth_and_weight = off, weight * inputs.on_foot
         regimes = inputs.line_m_s, inputs.places_m, inputs.precise
-        found.append((inputs.network, inputs.spread, inputs.stated_sd_m, *truth_and_weight, *regimes))
+        stated_m2 = np.diag(inputs.to_base.T @ inputs.stated_m2 @ inputs.to_base)
+        found.append((inputs.network, inputs.spread, np.sqrt(np.maximum(stated_m2, 0.0)), *truth_and_weight, *regimes))
     network, *others = zip(*found, strict=True) if found else ((),) * len(fields(Examples))
     return Examples(np.array(network, dtype=np.float16), *(np.array(each, dtype=np.float32) for each in others))
 

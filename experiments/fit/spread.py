@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from experiments.fit.examples import Examples
 from gazempc.types import FloatArray
-from predictors.walker.network import RegimeMotion, WalkerModel
+from predictors.walker.network import WalkerModel, evidence_of
 
 # Ridge penalties: coefficients of nearly constant features stay near zero, and the hidden units do not overfit single
 # people.
@@ -68,9 +68,12 @@ class Found:
     @classmethod
     def by(cls, model: WalkerModel, part: Examples) -> Found:
         """Errors of a model on examples."""
-        motion = RegimeMotion(part.line_m_s.astype(np.float64), part.places_m.astype(np.float64))
-        regimes = model.regimes(part.network.astype(np.float64), motion, part.precise.astype(np.float64))
-        departure, doubt = model.answer(regimes, part.spread.astype(np.float64))
+        answers = []
+        columns = (part.network, part.precise, part.spread, part.line_m_s, part.places_m)
+        for network, precise, *of_track in zip(*(column.astype(np.float64) for column in columns), strict=True):
+            outputs = model.outputs(network, float(precise))
+            answers.append(model.answer(outputs, evidence_of(outputs), *of_track))
+        departure, doubt = map(np.array, zip(*answers, strict=True))
         noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
         return cls(doubt, noise_m, departure - part.departure_m, weight)
 

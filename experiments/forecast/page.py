@@ -124,7 +124,7 @@ def plots_of(rows: Sequence[_Row], sensor: str) -> list[Plot]:
             lines.append(Line(predictor, COLOURS[k % len(COLOURS)], x, y, ends=np.reshape(ends, (-1, 2))))
         clips = max(r["n_clips"] for r in rows if r["group"] == group)
         title = f"{group} ({clips} clips)"
-        plots.append(Plot(title, "horizon from capture (s)", "mean forecast error (mm), logarithmic", tuple(lines)))
+        plots.append(Plot(title, "horizon from capture (s)", "mean error (mm), logarithmic", tuple(lines)))
     return plots
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
+from functools import cache, cached_property, partial, reduce
+from operator import add
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from predictors.types import FloatArray
-from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
-from predictors.walker.memories import N_PLACES
+from predictors.walker.compiled import Compiled
+from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
 
 Float32Array = NDArray[np.float32]
 
@@ -35,64 +37,12 @@ N_OUTPUTS = PLACES.stop
 # standard deviation over the ensemble; distance between walking and staying; probability of walking.
 N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
-_USUAL_DEPARTURE_M = np.array([0.06, 0.2, 0.2])
+_USUAL_DEPARTURE_M, _LARGEST_SIZE = np.array([0.06, 0.2, 0.2]), 4.0
 _USUAL_DISAGREEMENT_M = 0.02
-# Scale of the outputs for the given inputs and for the mirrored ones, shape (2, 1, knots, 3).
-_SCALES_M = DEPARTURE_SCALE_M[:, None] * np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])[:, None, None]
 
 
 class WalkerModelError(ValueError):
     """A file or its parameters are not a valid model of `Walker`."""
-
-
-@dataclass(frozen=True)
-class RegimeMotion:
-    """Inputs of the two regimes, walking along the line and staying, for N people.
-
-    Attributes:
-        line_m_s: Velocity of each line along, across and up, shape (N, 3).
-        places_m: Candidate places of staying relative to the line's origin, shape (N, N_PLACES, 3), metres.
-    """
-
-    line_m_s: FloatArray
-    places_m: FloatArray
-
-
-@dataclass(frozen=True)
-class Regimes:
-    """Outputs of an ensemble: the motion of N people in the two regimes, before the decision between them.
-
-    The first axis is the network: E with the given inputs, then E with the mirrored ones.
-
-    Attributes:
-        walk_m: Departure from the line if the person walks, shape (2 E, N, knots, 3), metres along, across and up.
-        stay_m: Departure from the line if the person stays, same shape.
-        logit: Log-odds of walking, shape (2 E, N).
-    """
-
-    walk_m: FloatArray
-    stay_m: FloatArray
-    logit: FloatArray
-
-    @property
-    def evidence(self) -> FloatArray:
-        """Mean logit of the ensemble, shape (N,)."""
-        return np.asarray(np.add.reduce(self.logit, axis=0) / len(self.logit))
-
-    @staticmethod
-    def mean(parts: list[tuple[Regimes, FloatArray]]) -> Regimes:
-        """Weighted mean of the outputs of several ensembles.
-
-        Args:
-            parts: Outputs and their weights, shape (N,); the weights sum to one.
-        """
-        if len(parts) == 1:
-            return parts[0][0]
-        return Regimes(
-            reduce(np.add, (share[:, None, None] * outputs.walk_m for outputs, share in parts)),
-            reduce(np.add, (share[:, None, None] * outputs.stay_m for outputs, share in parts)),
-            reduce(np.add, (share * outputs.logit for outputs, share in parts)),
-        )
 
 
 @dataclass(frozen=True)
@@ -125,46 +75,35 @@ class Ensemble:
             raise WalkerModelError("a number is not finite")
 
     @cached_property
-    def _first(self) -> Float32Array:
-        # The first layers share their inputs: one matrix product for the ensemble, most of the computation.
-        return np.concatenate(list(self.weights[0]), axis=1)
+    def _layers(self) -> tuple[list[Float32Array], list[Float32Array]]:
+        """Weights and biases of the networks and of their mirror images, with outputs in metres.
 
-    def __call__(self, network: FloatArray, motion: RegimeMotion) -> Regimes:
-        """Outputs of all networks for N inputs and their mirror images.
+        The first layers share their inputs: they are one matrix, most of the computation.
+        """
+        weights, biases = ([np.concatenate([each, each]) for each in layers] for layers in (self.weights, self.biases))
+        mirrored = slice(len(self.weights[0]), None)
+        scales = np.ones((len(weights[0]), 1, N_OUTPUTS), dtype=np.float32)
+        scales[..., DEPARTURES] = np.repeat(DEPARTURE_SCALE_M, 3)
+        scales[mirrored, :, 1 : DEPARTURES.stop : 3] *= -1.0
+        weights[-1], biases[-1] = weights[-1] * scales, biases[-1] * scales
+        weights[0][mirrored] *= MIRROR[:, None]
+        weights[0] = np.concatenate(list(weights[0]), axis=1)
+        return weights, biases
+
+    def __call__(self, network: FloatArray) -> FloatArray:
+        """Outputs of all networks for an input and for its mirror image.
 
         Args:
-            network: Inputs, shape (N, N_INPUTS).
-            motion: Motion in the two regimes.
+            network: Input, shape (N_INPUTS,).
+
+        Returns:
+            Shape (2 E, N_OUTPUTS): departures in metres along, across and up, logits.
         """
-        ensemble, _, hidden = self.weights[0].shape
-        first = np.concatenate([network, network * MIRROR]).astype(np.float32) @ self._first
-        h = first.reshape(-1, ensemble, hidden).transpose(1, 0, 2) + self.biases[0]
-        for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
+        weights, biases = self._layers
+        h = (network.astype(np.float32) @ weights[0]).reshape(biases[0].shape) + biases[0]
+        for w, b in zip(weights[1:], biases[1:], strict=True):
             h = np.tanh(h) @ w + b
-        outputs = h.reshape(ensemble, 2, len(network), N_OUTPUTS).astype(np.float64)
-        departures = outputs[..., DEPARTURES].reshape(ensemble, 2, len(network), KNOTS_S.size, 3) * _SCALES_M
-        shape = (2 * ensemble, len(network), KNOTS_S.size, 3)
-        stays = staying(outputs[..., PLACES], motion, _RETURNED)
-        return Regimes(departures.reshape(shape), stays.reshape(shape), outputs[..., WALKS].reshape(shape[:2]))
-
-
-def staying(places: Any, motion: RegimeMotion, returned: Any, xp: Any = np) -> Any:
-    """Departure from the line in the regime of staying.
-
-    Args:
-        places: Logits of the places of staying, shape (..., N, N_PLACES).
-        motion: Motion in the two regimes.
-        returned: Share of the way from the newest position to the mean of the places at each knot, shape (knots,).
-        xp: numpy, or jax.numpy where the networks are fitted.
-
-    Returns:
-        Shape (..., N, knots, 3), metres: return from the newest position to the mean of the places, weighted by the
-        softmax of the logits.
-    """
-    share = xp.exp(places - places.max(axis=-1, keepdims=True))
-    mean_m = share[..., None, :] @ motion.places_m / share.sum(axis=-1)[..., None, None]
-    begin_m = (1.0 - returned)[:, None] * motion.places_m[:, :1]
-    return begin_m - KNOTS_S[:, None] * motion.line_m_s[:, None] + returned[:, None] * mean_m
+        return h[:, 0].astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -223,81 +162,104 @@ class WalkerModel:
         if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
 
-    def regimes(self, network: FloatArray, motion: RegimeMotion, precise: FloatArray) -> Regimes:
-        """Motion in the two regimes, and the log-odds of walking.
+    def outputs(self, network: FloatArray, precise: float) -> FloatArray:
+        """Outputs of the networks.
 
         Each input is evaluated with its mirror image, so the model is symmetric in left and right. Separate ensembles
-        serve tracks without orientation and precise trackers; the outputs are blended by the weights of orientation
+        serve tracks without orientation and precise trackers; their outputs are blended by the weights of orientation
         and precision.
 
         Args:
-            network: Inputs of the network, shape (N, N_INPUTS).
-            motion: Motion in the two regimes.
-            precise: Weight of precise trackers, shape (N,), 0 to 1.
+            network: Inputs of the networks, shape (N_INPUTS,).
+            precise: Weight of precise trackers, 0 to 1.
 
         Returns:
-            Outputs of the ensembles, for `answer`.
+            Shape (2 E, N_OUTPUTS), as `Ensemble` returns them.
         """
-        seen = np.maximum.reduce(network[:, KNOWN], axis=1)
+        seen = max(network[KNOWN].tolist())
         shares = (self.seeing, seen * (1.0 - precise)), (self.blind, 1.0 - seen), (self.precise, seen * precise)
-        return Regimes.mean([(ensemble(network, motion), share) for ensemble, share in shares if share.any()])
+        return reduce(add, (share * ensemble(network) for ensemble, share in shares if share > 0.0))
 
     def answer(
-        self, regimes: Regimes, spread: FloatArray, evidence: FloatArray | None = None
+        self, outputs: FloatArray, evidence: float, spread: FloatArray, line_m_s: FloatArray, places_m: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Departures from the lines, and the features of the uncertainty model.
+        """Departure from the line, and the features of the uncertainty model.
 
-        The forecast is the mixture mean of both regimes.
+        The forecast is the mixture mean of both regimes: walking, and a critically damped return from rest at the
+        newest position to the mean of the places, weighted by the softmax of their logits.
 
         Args:
-            regimes: Outputs of the networks.
-            spread: Inputs of the uncertainty model, shape (N, N_SPREAD).
-            evidence: Filtered log-odds of walking in place of the ensemble's mean, shape (N,).
+            outputs: Outputs of the networks, shape (2 E, N_OUTPUTS).
+            evidence: Log-odds of walking, see `evidence_of`; in place of the ensemble's mean.
+            spread: Inputs of the uncertainty model, shape (N_SPREAD,).
+            line_m_s: Velocity of the line along, across and up, shape (3,).
+            places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres.
 
         Returns:
-            Departures, mean over the ensemble, shape (N, knots, 3), metres along, across and up. Features for
-            `spread_m`, shape (N, N_DOUBT): `spread`, the size of the departure, the standard deviation over the
+            Departures, mean over the ensemble, shape (knots, 3), metres along, across and up. Features for
+            `spread_m`, shape (N_DOUBT,): `spread`, the size of the departure, the standard deviation over the
             ensemble, the distance between the two regimes, and the probability of walking.
         """
-        slope, threshold = self.decision
-        shift = 0.0 if evidence is None else evidence - regimes.evidence
-        walks = 1.0 / (1.0 + np.exp(slope * (threshold - regimes.logit - shift)))
-        apart = regimes.walk_m - regimes.stay_m
-        far = np.hypot(apart[..., _FAR, 0], apart[..., _FAR, 1])
-        outputs = regimes.stay_m + walks[..., None, None] * apart
-        n = len(outputs)
-        departure = np.add.reduce(outputs, axis=0) / n
-        # Disagreement in the horizontal plane, where turns take place.
-        off = outputs[:, :, _FAR, :2] - departure[:, _FAR, :2]
-        disagreement = np.sqrt(np.add.reduce(off * off, axis=(0, 2)) / n)
-        regime_sd_m = np.sqrt(np.add.reduce(walks * (1.0 - walks) * far * far, axis=0) / n)
-        doubt = np.empty((len(spread), N_DOUBT))
-        doubt[:, :N_SPREAD] = spread
-        size = doubt[:, N_SPREAD : N_SPREAD + 3]
-        size[:, :2], size[:, 2] = departure[:, _NEAR : _FAR + 1 : _FAR - _NEAR, 1], departure[:, _FAR, 0]
-        np.minimum(np.abs(size) / _USUAL_DEPARTURE_M, 4.0, out=size)
-        doubt[:, -3] = np.log1p(disagreement / _USUAL_DISAGREEMENT_M)
-        doubt[:, -2] = np.log1p(regime_sd_m / _USUAL_DISAGREEMENT_M)
-        doubt[:, -1] = np.add.reduce(walks, axis=0) / n
-        return departure, doubt
+        track = np.concatenate([places_m.ravel(), line_m_s, [evidence, *self.decision]])
+        departure, doubt = _mixture(len(outputs))(outputs.ravel(), track)
+        return departure.reshape(KNOTS_S.size, 3), np.concatenate([spread, doubt])
 
     def spread_m(self, doubt: FloatArray) -> FloatArray:
         """Standard deviation of the forecast errors: scale of the t distribution times the root of v / (v - 2).
 
         Args:
-            doubt: Features of the uncertainty model, shape (N, N_DOUBT).
+            doubt: Features of the uncertainty model, shape (N_DOUBT,).
 
         Returns:
-            Shape (N, knots, 4): metres along, across and up without the observation's stated error; the factor of the
+            Shape (knots, 4): metres along, across and up without the observation's stated error; the factor of the
             stated error.
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
-        log_spread += np.tanh(doubt @ self.hidden) @ self.log_spread_hidden.reshape(
-            len(self.log_spread_hidden), 3 * KNOTS_S.size
-        )
+        log_spread += np.tanh(doubt @ self.hidden) @ self.log_spread_hidden.reshape(-1, 3 * KNOTS_S.size)
         bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        spread = np.empty((len(doubt), KNOTS_S.size, 4))
-        np.exp(bounded.reshape(-1, KNOTS_S.size, 3), out=spread[..., :3])
-        spread[..., 3] = self.noise_share
+        spread = np.empty((KNOTS_S.size, 4))
+        np.exp(bounded.reshape(-1, 3), out=spread[:, :3])
+        spread[:, 3] = self.noise_share
         spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # this form also holds for a normal distribution
         return spread
+
+
+def evidence_of(outputs: FloatArray) -> float:
+    """Mean log-odds of walking of the networks' outputs."""
+    return math.fsum(outputs[:, WALKS].tolist()) / len(outputs)
+
+
+@cache
+def _mixture(networks: int) -> Compiled:
+    return Compiled(partial(_mixture_of, networks))
+
+
+@cache
+def _mixture_of(networks: int) -> ca.Function:
+    """Function of outputs and track to the departure and its features, see `WalkerModel.answer`."""
+    flat, track = ca.SX.sym("outputs", networks * N_OUTPUTS), ca.SX.sym("track", 3 * N_PLACES + 6)
+    places_m = ca.reshape(track[: 3 * N_PLACES], 3, N_PLACES)
+    line_m_s, (evidence, slope, threshold) = track[-6:-3], ca.vertsplit(track[-3:])
+    columns = ca.vertsplit(flat, N_OUTPUTS)
+    evidence -= ca.sum1(ca.vertcat(*(column[WALKS] for column in columns))) / networks
+    begin_m = places_m[:, 0] @ (1.0 - _RETURNED)[None] - line_m_s @ KNOTS_S[None]
+    probabilities, means_m, between_m2 = [], [], []
+    for column in columns:
+        share = ca.exp(column[PLACES] - ca.mmax(column[PLACES]))
+        stay_m = begin_m + places_m @ share / ca.sum1(share) @ _RETURNED[None]
+        apart_m = ca.reshape(column[DEPARTURES], 3, KNOTS_S.size) - stay_m
+        p = 1.0 / (1.0 + ca.exp(slope * (threshold - column[WALKS] - evidence)))
+        probabilities.append(p)
+        means_m.append(stay_m + p * apart_m)
+        between_m2.append(p * (1.0 - p) * ca.sumsqr(apart_m[:2, _FAR]))
+    departure_m = reduce(add, means_m) / networks
+    # Disagreement in the horizontal plane, where turns take place.
+    off_m2 = [ca.sumsqr(each[:2, _FAR] - departure_m[:2, _FAR]) for each in means_m]
+    sizes_m = ca.vertcat(departure_m[1, _NEAR], departure_m[1, _FAR], departure_m[0, _FAR])
+    doubt = ca.vertcat(
+        ca.fmin(ca.fabs(sizes_m) / _USUAL_DEPARTURE_M, _LARGEST_SIZE),
+        ca.log1p(ca.sqrt(reduce(add, off_m2) / networks) / _USUAL_DISAGREEMENT_M),
+        ca.log1p(ca.sqrt(reduce(add, between_m2) / networks) / _USUAL_DISAGREEMENT_M),
+        reduce(add, probabilities) / networks,
+    )
+    return ca.Function("mixture", [flat, track], [ca.vec(departure_m), doubt])

@@ -1,164 +1,155 @@
-"""Online estimate of a tracker's error: covariance of the white noise, and spectrum."""
+"""Online estimates of a tracker's error: covariance of the white noise, and variance of the range."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from operator import mul
+from statistics import median_high
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from predictors.types import FloatArray
+from predictors.types import FloatArray, HeadObservation
 
-PRIOR_M = 0.01
-_PRIOR_FRAMES, _MEMORY_FRAMES = 3.0, 30.0
+PRIOR_M, _PRIOR_FRAMES, _MEMORY_FRAMES = 0.01, 3, 30
 _LARGEST_M, _SMALLEST_M = 0.05, 0.002
-_FLOOR_M2 = _SMALLEST_M**2
-_FRAMES = 4
 # Longest span of four frames; the third difference over a longer one contains gait. Between the spans at 15 and at
 # 14 frames a second, so rounding of the time stamps has no effect.
 _SPAN_S = 0.207
 # Shortest frame interval of a camera; a shorter one means two mixed sources or a clock step.
-STEP_S = 1e-3
+_STEP_S = 1e-3
+NEVER_S = 1e9  # interval to a frame that does not exist
 
 
-def third_difference(a: float, b: float, c: float, d: float) -> tuple[tuple[float, float, float, float], float]:
+def third_difference(a: Any, b: Any, c: Any, d: Any) -> tuple[Any, Any, Any, Any]:
     """Weights of the third divided difference of four frames.
 
     Args:
-        a: Time of the first frame, seconds; the others follow.
+        a: Time of the first frame, seconds, a number or a CasADi expression; the others follow.
         b: Time of the second.
         c: Time of the third.
         d: Time of the fourth.
 
     Returns:
-        The weight of each frame, and the Euclidean norm of the weights: the gain for white noise.
+        The weight of each frame; their Euclidean norm is the gain for white noise.
     """
-    weights = (
+    return (
         1.0 / ((a - b) * (a - c) * (a - d)),
         1.0 / ((b - a) * (b - c) * (b - d)),
         1.0 / ((c - a) * (c - b) * (c - d)),
         1.0 / ((d - a) * (d - b) * (d - c)),
     )
-    return weights, math.hypot(*weights)
 
 
-class MeasuredNoise:
-    """Covariance of a position's white error.
-
-    The third divided difference of a walk is small, so its residual is noise. Plain floats: NumPy is several times
-    slower for arrays this small.
-
-    Attributes:
-        measured_share: Share of measurements in the covariance, 0 to 1; 0 below 14 frames a second. The rest is the
-            prior.
-    """
-
-    def __init__(self) -> None:
-        # xx, xy, xz, yy, yz, zz
-        self._covariance_m2 = [PRIOR_M**2, 0.0, 0.0, PRIOR_M**2, 0.0, PRIOR_M**2]
-        self._frames, self.measured_share = _PRIOR_FRAMES, 0.0
-
-    def learn(self, times_s: FloatArray, positions_m: FloatArray) -> None:
-        """Update with the newest position.
-
-        Args:
-            times_s: Times of the track, shape (N,), the newest last, seconds.
-            positions_m: Positions, shape (N, 3), metres.
-        """
-        if times_s.size < _FRAMES:
-            return
-        a, b, c, d = times_s[-_FRAMES:].tolist()
-        if d - a > _SPAN_S or min(b - a, c - b, d - c) < STEP_S:
-            return
-        (w_a, w_b, w_c, w_d), norm = third_difference(a, b, c, d)
-        p, q, r, s = positions_m[-_FRAMES:].tolist()
-        x, y, z = ((w_a * p[i] + w_b * q[i] + w_c * r[i] + w_d * s[i]) / norm for i in range(3))
-        size2 = x * x + y * y + z * z
-        gain = 1.0 / min(_MEMORY_FRAMES, self._frames)
-        share = gain if size2 <= 3.0 * _LARGEST_M**2 else gain * 3.0 * _LARGEST_M**2 / size2
-        squares = (x * x, x * y, x * z, y * y, y * z, z * z)
-        self._covariance_m2 = [
-            (1.0 - gain) * known + share * new for known, new in zip(self._covariance_m2, squares, strict=True)
-        ]
-        self._frames += 1.0
-        self.measured_share += gain * (1.0 - self.measured_share)
-
-    def covariance_m2(self) -> FloatArray:
-        """Covariance, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
-        xx, xy, xz, yy, yz, zz = self._covariance_m2
-        return np.array([[xx + _FLOOR_M2, xy, xz], [xy, yy + _FLOOR_M2, yz], [xz, yz, zz + _FLOOR_M2]])
+# State of the white noise: covariance without its floor, number of frames, share of measurements in the covariance
+# (0 below 15 frames a second; the rest is the prior), the last three positions and the two intervals between them.
+_COVARIANCE, _FRAMES, SHARE, _POSITIONS, _INTERVALS = slice(0, 9), 9, 10, slice(11, 20), slice(20, 22)
+WHITE_AT_START = np.array([*(PRIOR_M**2 * np.eye(3)).ravel(), _PRIOR_FRAMES, 0.0, *[0.0] * 9, NEVER_S, NEVER_S])
 
 
-_LAGS = (1, 2, 4)
-# Rows of the track, counted from its end.
-_LAG_ROWS = -np.array([[1 + 3 * lag, 1 + 2 * lag, 1 + lag, 1] for lag in _LAGS])
-_THIRD = np.array([-1.0, 3.0, -3.0, 1.0]) / math.sqrt(20.0)  # unit gain for white noise
-_COLOUR_MEMORY_FRAMES, _COLOUR_PRIOR_FRAMES = 45.0, 12.0
-# Horizontal and vertical position, yaws of pelvis and head: 10 mm and 2 deg.
-_UNIT2 = np.array([0.01, 0.01, 0.035, 0.035]) ** 2
-_LARGEST_RATIO2, _SMALLEST_RATIO2 = 25.0, 0.01
-N_COLOURS = 10
-
-
-class MeasuredColour:
-    """RMS third differences at lags 1, 2 and 4: equal for white noise, growing with the lag for correlated noise."""
-
-    def __init__(self) -> None:
-        self._ratio2 = np.ones((len(_LAGS), 4))
-        self._frames, self._prior_share = 0, 1.0
-
-    def learn(self, track: FloatArray) -> FloatArray:
-        """Update with the newest frame.
-
-        Args:
-            track: Positions and yaws of pelvis and head on an even grid, shape (m, 5), the newest last.
-
-        Returns:
-            Logarithms of the RMS differences relative to 10 mm and 2 deg, shape (N_COLOURS,): horizontal and vertical
-            over each lag, pelvis and head over the shortest and the longest.
-        """
-        lags = sum(len(track) > 3 * lag for lag in _LAGS)
-        if lags:
-            differences = _THIRD @ track[_LAG_ROWS[:lags]]
-            squares = differences * differences
-            squares[:, 1] = 0.5 * (squares[:, 0] + squares[:, 1])
-            ratio2 = np.minimum(squares[:, 1:] / _UNIT2, _LARGEST_RATIO2)
-            self._frames += 1
-            known = self._ratio2[:lags]
-            gain = 1.0 / min(self._frames + _COLOUR_PRIOR_FRAMES, _COLOUR_MEMORY_FRAMES)
-            known += gain * (ratio2 - known)
-            if lags == len(_LAGS):
-                self._prior_share *= 1.0 - gain
-        logs = 0.5 * np.log(self._ratio2 + _SMALLEST_RATIO2)
-        colours = np.empty(N_COLOURS)
-        colours[:6] = logs[:, :2].T.ravel()
-        colours[6:] = logs[::2, 2:].T.ravel()
-        return colours
-
-    def wander_m(self) -> tuple[float, float]:
-        """Horizontal third difference over the longest lag, without its prior, and the weight of the measurements.
-
-        Returns:
-            RMS difference, metres, infinite before the first measurement; weight of the measurements, 0 to 1.
-        """
-        share = 1.0 - self._prior_share
-        if not share:
-            return math.inf, 0.0
-        measured = max(float(self._ratio2[-1, 0]) - self._prior_share, 0.0) / share
-        return math.sqrt(measured * float(_UNIT2[0])), share
-
-
-def without_stated(colours: FloatArray, stated_m2: FloatArray) -> FloatArray:
-    """Colours relative to the stated error of the tracker.
+def white_noise(state: ca.SX, position_m: ca.SX, dt_s: ca.SX) -> ca.SX:
+    """Estimate of the white noise after a position: third differences of a walk are small, so they are noise.
 
     Args:
-        colours: Result of `MeasuredColour.learn`, shape (N_COLOURS,).
-        stated_m2: Stated variances along, across and up, shape (3,), square metres; zeros if none are stated.
+        state: State, shape (22,), at first `WHITE_AT_START`.
+        position_m: The position, shape (3,), metres.
+        dt_s: Time since the last one, seconds.
 
     Returns:
-        The colours, in which those of the positions are relative to the stated error; shape (N_COLOURS,).
+        The new state.
     """
-    along, across, up = stated_m2.tolist()
-    relative = colours.copy()
-    relative[:3] -= 0.5 * math.log1p(0.5 * (along + across) / float(_UNIT2[0]))
-    relative[3:6] -= 0.5 * math.log1p(up / float(_UNIT2[1]))
-    return relative
+    intervals_s = ca.vertcat(state[_INTERVALS], dt_s)
+    weights = ca.vertcat(*third_difference(-ca.sum1(intervals_s), -ca.sum1(intervals_s[1:]), -dt_s, 0.0))
+    positions_m = ca.horzcat(ca.reshape(state[_POSITIONS], 3, 3), position_m)
+    off_m = positions_m @ weights / ca.norm_2(weights)
+    gain = 1.0 / ca.fmin(state[_FRAMES], _MEMORY_FRAMES)
+    # A larger difference counts as one of the largest noise.
+    share = gain * ca.fmin(1.0, 3.0 * _LARGEST_M**2 / ca.fmax(ca.sumsqr(off_m), _SMALLEST_M**2))
+    estimate = ca.vertcat(
+        (1.0 - gain) * state[_COVARIANCE] + share * ca.vec(off_m @ off_m.T),
+        state[_FRAMES] + 1.0,
+        state[SHARE] + gain * (1.0 - state[SHARE]),
+    )
+    valid = ca.logic_and(ca.sum1(intervals_s) <= _SPAN_S, ca.mmin(intervals_s) >= _STEP_S)
+    return ca.vertcat(
+        ca.if_else(valid, estimate, state[: _POSITIONS.start]), ca.vec(positions_m[:, 1:]), intervals_s[1:]
+    )
+
+
+_FLOOR_M2 = _SMALLEST_M**2 * np.eye(3)
+
+
+def white_noise_m2(state: FloatArray) -> FloatArray:
+    """Covariance of the white noise, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
+    return state[_COVARIANCE].reshape(3, 3) + _FLOOR_M2
+
+
+# Lags of the third differences of the range, frames: one for white noise, four for drift.
+_LAGS = (1, 4)
+# Longest span; the third difference over a longer one contains gait.
+_RANGE_SPAN_S = 0.45
+# Standard deviation over median absolute deviation of a normal distribution.
+_SD_OF_MEDIAN = 1.0 / 0.6745
+# Level of gait and of typical trackers in these differences; `white_noise` estimates smaller errors.
+_USUAL_M2 = 0.03**2
+# Weight of the drift's variance, which disturbs the velocity more than white noise does; the best of those tried.
+_DRIFT_COUNTS = 4.0
+# A larger displacement across the line of sight is a change of person: no range error.
+_BESIDE_M, _BESIDE_SHARE = 0.05, 0.5
+_NEAREST_M = 1e-3  # at the sensor the line of sight is undefined
+
+
+class MeasuredRange:
+    """Variance of the position along the line of sight in excess of gait.
+
+    Median of the third differences: robust to one outlier in ten frames. The sensor is assumed at the origin. Plain
+    floats: NumPy is several times slower for arrays this small.
+
+    Attributes:
+        variance_m2: Variance of the range beyond that of usual trackers, square metres; 0 for those.
+    """
+
+    def __init__(self) -> None:
+        # Time, range and direction of each frame.
+        self._frames: deque[tuple[float, ...]] = deque(maxlen=3 * _LAGS[-1] + 1)
+        self._recent_m = [deque([PRIOR_M] * _PRIOR_FRAMES, maxlen=_MEMORY_FRAMES) for _ in _LAGS]
+        self.variance_m2 = 0.0
+
+    def learn(self, observation: HeadObservation) -> None:
+        """Update with a detection, before gating.
+
+        Args:
+            observation: The observation, newer than all before it.
+        """
+        x, y, z = observation.head_position_base_m.tolist()
+        range_m = math.hypot(x, y, z)
+        away_m = max(range_m, _NEAREST_M)
+        self._frames.append((observation.capture_time_s, range_m, x / away_m, y / away_m, z / away_m))
+        for lag, recent in zip(_LAGS, self._recent_m, strict=True):
+            if len(self._frames) <= 3 * lag:
+                break
+            (a, b, c, d), *columns = zip(*(self._frames[row] for row in range(-1 - 3 * lag, 0, lag)), strict=True)
+            if d - a > _RANGE_SPAN_S or min(b - a, c - b, d - c) < _STEP_S:
+                continue
+            weights = third_difference(a, b, c, d)
+            norm = math.hypot(*weights)
+            off_m, *turned = (sum(map(mul, weights, column)) / norm for column in columns)
+            if range_m * math.hypot(*turned) <= max(_BESIDE_M, _BESIDE_SHARE * abs(off_m)):
+                recent.append(abs(off_m))
+        white_m2, slow_m2 = ((_SD_OF_MEDIAN * median_high(recent)) ** 2 for recent in self._recent_m)
+        drift_m2 = max(slow_m2 - max(white_m2, _USUAL_M2), 0.0)
+        self.variance_m2 = max(white_m2 - _USUAL_M2, 0.0) + _DRIFT_COUNTS * drift_m2
+
+    def covariance_m2(self, position_m: FloatArray) -> FloatArray:
+        """Covariance of rank one along the line of sight.
+
+        Args:
+            position_m: The observed position, shape (3,), metres.
+
+        Returns:
+            Covariance, shape (3, 3), square metres; zero across the line of sight.
+        """
+        range_m2 = max(float(position_m @ position_m), _NEAREST_M**2)
+        return np.asarray(self.variance_m2 / range_m2 * np.outer(position_m, position_m))

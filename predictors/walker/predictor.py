@@ -14,9 +14,8 @@ from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.model_file import shipped_walker_model
-from predictors.walker.network import RegimeMotion, Regimes, WalkerModel
-from predictors.walker.noise import MeasuredNoise
-from predictors.walker.range_error import MeasuredRange
+from predictors.walker.network import WalkerModel, evidence_of
+from predictors.walker.noise import MeasuredRange
 
 # Gait (sway and bob) is measurement noise of the line's filter: variance on each axis.
 _GAIT_M2 = 0.02**2 * np.eye(3)
@@ -28,16 +27,20 @@ _WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
 # people left out of the fit: it halves the false starts; from 0.2 s on, at a threshold that detects true starts, eye
 # contact with starting people decreases.
 _EVIDENCE_S = 0.1
+# Log-odds before a track's first frame. Of the first output, -1, -2.5 and -4, on waiting, starting, stopping and
+# walking people outside the fit: it removes the false starts of a tracker's first frames; walkers lose 0.1 points of
+# contact.
+_PRIOR_EVIDENCE = -2.5
 
 
 class Walker:
-    """Forecast of a walking or standing person from the last 1.2 s of head position, head yaw and pelvis yaw.
+    """Forecast of a walking or standing person from head position, head yaw and pelvis yaw.
 
     A constant-velocity filter, with gait as measurement noise, gives a straight line. Networks output the departure
     from it in the regime of walking (sway, bob, the continuation of a turn or a stop), the place of return in the
     regime of staying, and the log-odds of walking, which are low-pass filtered before the decision. Inputs are relative
     to the line, so the forecast is invariant to translation and heading. Estimated online are the constant offsets of
-    head and pelvis yaw from the direction of travel, and covariance and spectrum of the tracker's error.
+    head and pelvis yaw from the direction of travel, and the covariance of the tracker's white error.
 
     A stated covariance replaces the estimated one. The filter's gate rejects outliers. At running speed the forecast is
     that of the filter. Orientations are optional; the weight of the last one decays to zero within half a second. Frame
@@ -53,10 +56,10 @@ class Walker:
         self.reset()
 
     def _reset_track(self) -> None:
-        self._history, self._noise = WalkerHistory(), MeasuredNoise()
+        self._history = WalkerHistory()
         self._inputs: WalkerInputs | None = None
-        self._regimes: Regimes | None = None
-        self._evidence: FloatArray | None = None
+        self._outputs: FloatArray | None = None
+        self._evidence = _PRIOR_EVIDENCE
         self._knots: BetweenKnots | None = None
 
     def reset(self) -> None:
@@ -87,39 +90,30 @@ class Walker:
         self._largest_m2 = max(self._largest_m2, range_m2)
         self._process(observation)
 
-    def _process(self, observation: HeadObservation) -> None:
-        started_at_s = self._position.started_at_s
-        measured_m2 = self._noise.covariance_m2()
+    def _measured_m2(self, observation: HeadObservation) -> FloatArray:
+        """Estimated covariance of the observed position, for trackers that do not state it."""
+        measured_m2 = self._history.white_noise_m2()
         if observation.position_covariance_m2 is None:
             measured_m2 = measured_m2 + self._range.covariance_m2(observation.head_position_base_m)
-        self._position.update_with(observation, measured_m2, _GAIT_M2)
+        return measured_m2
+
+    def _process(self, observation: HeadObservation) -> None:
+        started_at_s = self._position.started_at_s
+        self._position.update_with(observation, self._measured_m2(observation), _GAIT_M2)
         taken = self._position.accepted
         if not taken:
             return
         if self._position.started_at_s != started_at_s:
             self._reset_track()
-        window = self._history.window
-        for earlier in taken[:-1]:  # the candidate that has become the track
-            window.add(earlier, noise_m2(earlier, measured_m2))
         _, state, _ = self._position.state()
-        last_s = None if self._inputs is None else self._inputs.line.time_s
-        covariance_m2 = noise_m2(taken[-1], measured_m2)
-        self._inputs = self._history.add(taken[-1], state, covariance_m2, self._noise.measured_share)
-        self._evaluate_networks(self._inputs, last_s)
-        self._noise.learn(window.times_s, window.values[:, :3])
-        self._knots = None
-
-    def _evaluate_networks(self, inputs: WalkerInputs, last_s: float | None) -> None:
-        """Evaluate the networks, and low-pass filter the log-odds of walking."""
-        if inputs.on_foot == 0.0:  # the line has no direction at a first frame
-            return
-        motion = RegimeMotion(inputs.line_m_s[None], inputs.places_m[None])
-        self._regimes = self._model.regimes(inputs.network[None], motion, np.array([inputs.precise]))
-        before, evidence = self._evidence, self._regimes.evidence
-        if before is not None and last_s is not None:
-            gain = -math.expm1((last_s - inputs.line.time_s) / _EVIDENCE_S)
-            evidence = before + gain * (evidence - before)
-        self._evidence = evidence
+        last_s = taken[0].capture_time_s if self._inputs is None else self._inputs.time_s
+        for each in taken:  # several if a candidate has become the track
+            inputs = self._history.add(each, state, noise_m2(each, self._measured_m2(each)))
+        self._inputs, self._knots = inputs, None
+        if inputs.on_foot > 0.0:  # the line has no direction at a first frame
+            self._outputs = self._model.outputs(inputs.network, inputs.precise)
+            gain = -math.expm1((last_s - inputs.time_s) / _EVIDENCE_S)
+            self._evidence += gain * (evidence_of(self._outputs) - self._evidence)
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the networks, for a fit.
@@ -145,19 +139,20 @@ class Walker:
             return self._position.forecast(times_s)
         times = as_times(times_s)
         if self._knots is None:
-            assert self._regimes is not None
-            departures, doubt = self._model.answer(self._regimes, inputs.spread[None], self._evidence)
-            to_base = inputs.line.to_base()
+            assert self._outputs is not None
+            of_track = inputs.spread, inputs.line_m_s, inputs.places_m
+            departure_m, doubt = self._model.answer(self._outputs, self._evidence, *of_track)
+            to_base = inputs.to_base
             # Outer products of the line's axes; weighted by the variances along them they sum to the covariance.
             self._squares = np.empty((4, 9))
             self._squares[:3] = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
             # The stated covariance keeps its principal axes, such as a camera's line of sight.
-            self._squares[3] = inputs.stated_base_m2.reshape(9)
-            self._knots = BetweenKnots(departures[0] @ to_base.T, self._model.spread_m(doubt)[0])
-        tau = times - inputs.line.time_s
+            self._squares[3] = inputs.stated_m2.reshape(9)
+            self._knots = BetweenKnots(departure_m @ to_base.T, self._model.spread_m(doubt))
+        tau = times - inputs.time_s
         departure, spread = self._knots(tau)
-        means = tau[:, None] * inputs.line.velocity_base_m_s
-        means += inputs.line.origin_base_m
+        means = tau[:, None] * inputs.velocity_base_m_s
+        means += inputs.origin_base_m
         means += departure
         covariances = (spread**2 @ self._squares).reshape(-1, 3, 3)
         share = inputs.on_foot
@@ -167,4 +162,4 @@ class Walker:
             means = filtered.means_base_m + share * apart
             covariances = share * covariances + (1.0 - share) * filtered.covariances_m2
             covariances += share * (1.0 - share) * apart[:, :, None] * apart[:, None, :]
-        return Forecast(times, means, covariances, inputs.line.time_s, self._model.degrees_of_freedom)
+        return Forecast(times, means, covariances, inputs.time_s, self._model.degrees_of_freedom)

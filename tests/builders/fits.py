@@ -3,8 +3,7 @@
 import numpy as np
 
 from experiments.fit.examples import Examples
-from predictors.walker.features import N_INPUTS, N_SPREAD
-from predictors.walker.memories import N_PLACES
+from predictors.walker.features import KNOWN, N_INPUTS, N_PLACES, N_SPREAD
 from predictors.walker.network import KNOTS_S
 
 
@@ -12,6 +11,7 @@ def toy(n, seed):
     """Sideways departures that are a function of two sideways inputs, as a mirrored walk demands."""
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((n, N_INPUTS)).astype(np.float32)
+    x[:, KNOWN] = rng.uniform(0.0, 1.0, (n, 2))
     y = np.zeros((n, KNOTS_S.size, 3), dtype=np.float32)
     y[..., 1] = 0.1 * KNOTS_S * np.tanh(x[:, 1:2] + 0.5 * x[:, 4:5])
     y[::5, 6:] = np.nan

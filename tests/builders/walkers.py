@@ -9,8 +9,7 @@ from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS
-from predictors.walker.memories import N_PLACES
-from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, Ensemble, RegimeMotion, WalkerModel
+from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, Ensemble, WalkerModel
 
 # Network layers with zero departure and the regime walking for all people.
 _WALKING = np.zeros((1, 1, N_OUTPUTS), dtype=np.float32)
@@ -53,11 +52,6 @@ def straight_model(spread_m=0.1, degrees_of_freedom=5.0, stated_share=0.0):
         noise_share=np.full(KNOTS_S.size, stated_share),
         degrees_of_freedom=degrees_of_freedom,
     )
-
-
-def random_motion(rng, n):
-    """Random lines and positions of people."""
-    return RegimeMotion(rng.standard_normal((n, 3)), 0.1 * rng.standard_normal((n, N_PLACES, 3)))
 
 
 def seen_of(name, sensor="reference", seed=0):

@@ -62,14 +62,15 @@ def test_line_plus_departure_is_the_true_position():
     for observation in observations:
         walker.update(observation)
         inputs = walker.inputs()
-        if inputs.on_foot == 0.0 or inputs.line.time_s != observation.capture_time_s:
+        if inputs.on_foot == 0.0 or inputs.time_s != observation.capture_time_s:
             continue
         np.testing.assert_allclose(examples.network[k], inputs.network, rtol=2**-10, atol=1e-6)
         np.testing.assert_allclose(examples.spread[k], inputs.spread, rtol=1e-6)
-        np.testing.assert_allclose(examples.noise_m[k], inputs.stated_sd_m, rtol=1e-6)
-        c, s = np.cos(inputs.line.heading_rad), np.sin(inputs.line.heading_rad)
+        noise_m2 = np.diag(inputs.to_base.T @ inputs.stated_m2 @ inputs.to_base)
+        np.testing.assert_allclose(examples.noise_m[k] ** 2, noise_m2, rtol=1e-5)
+        c, s = inputs.to_base[:2, 0]
         for horizon_s, (along, across, up) in zip(KNOTS_S, examples.departure_m[k], strict=True):
-            at = inputs.line.origin_base_m + horizon_s * inputs.line.velocity_base_m_s
+            at = inputs.origin_base_m + horizon_s * inputs.velocity_base_m_s
             at = at + np.array([c * along - s * across, s * along + c * across, up])
             frame = int(np.argmin(np.abs(walk.times_s - observation.capture_time_s - horizon_s)))
             apart_s = walk.times_s[frame] - observation.capture_time_s - horizon_s

@@ -5,12 +5,13 @@ import pytest
 from builders.fits import toy
 from builders.walkers import random_covariance, straight_model
 from scipy.optimize import approx_fprime
+from scipy.special import softmax
 from scipy.stats import f as f_distribution
 
 from experiments.fit.networks import fit_networks, seen_distance2
 from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
-from predictors.walker.network import KNOTS_S, N_OUTPUTS, Ensemble, RegimeMotion, WalkerModel
+from predictors.walker.network import KNOTS_S, N_OUTPUTS, PLACES, WALKS, Ensemble, WalkerModel
 
 
 @pytest.mark.slow
@@ -27,9 +28,7 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     assert not weights[0][:, hidden].any()
     assert weights[0][:, ~hidden].any(axis=2).all()
     model = WalkerModel(*3 * (Ensemble(weights, biases),), straight_model().log_spread)
-    motion = RegimeMotion(other.line_m_s.astype(float), other.places_m.astype(float))
-    regimes = model.regimes(other.network.astype(float), motion, other.precise.astype(float))
-    error = model.answer(regimes, other.spread.astype(float))[0] - other.departure_m
+    error = Found.by(model, other).error_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.5 * np.mean(np.abs(other.departure_m[known, 4, 1]))
 
@@ -44,12 +43,11 @@ def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
     examples.places_m[:, 1] = np.random.default_rng(2).normal(0.0, 0.2, (2000, 3))
     examples.departure_m[:] = 0.6 * (1.0 - np.exp(-KNOTS_S / 0.5))[:, None] * examples.places_m[:, 1:2]
     ensemble = Ensemble(*fit_networks(examples, 0, 1, 1500))
-    motion = RegimeMotion(examples.line_m_s.astype(float), examples.places_m.astype(float))
-    regimes = ensemble(examples.network.astype(float), motion)
-    stay_m = regimes.stay_m[0, :, -1] / (1.0 + np.exp(regimes.logit[0]))[:, None]
-    # The forecast's own return, critically damped with 0.4 s.
-    returned = 1.0 - (1.0 + KNOTS_S[-1] / 0.4) * np.exp(-KNOTS_S[-1] / 0.4)
-    share = np.sum(stay_m * examples.places_m[:, 1]) / np.sum(examples.places_m[:, 1] ** 2) / returned
+    outputs = np.array([ensemble(network)[0] for network in examples.network.astype(float)])
+    logits, stays = outputs[:, PLACES], 1.0 / (1.0 + np.exp(outputs[:, WALKS]))
+    # The return of the forecast to the same place has another profile.
+    place_m = np.einsum("np,npc->nc", softmax(logits, axis=1), examples.places_m)
+    share = np.sum(stays[:, None] * place_m * examples.places_m[:, 1]) / np.sum(examples.places_m[:, 1] ** 2)
     assert share == pytest.approx(0.6, abs=0.03)
 
 

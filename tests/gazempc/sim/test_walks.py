@@ -48,18 +48,18 @@ def mean_rms(results, controller, group=None):
 # Mean gaze error of the clips chosen above as measured, RMS, degrees: two straight ones, a turn and a sharp one. A
 # seventh more is a change for the worse: an experiment that pays moves it by less, and a fault by more.
 MEASURED_DEG = {
-    ("lookahead", "straight"): 1.02,
-    ("lookahead", "turn"): 0.98,
-    ("lookahead", "sharp"): 3.05,
-    ("mpc", "straight"): 0.95,
-    ("mpc", "turn"): 1.07,
-    ("mpc", "sharp"): 3.03,
-    ("mpc+perfect", None): 0.17,
+    ("lookahead", "straight"): 1.29,
+    ("lookahead", "turn"): 0.72,
+    ("lookahead", "sharp"): 2.91,
+    ("mpc", "straight"): 1.15,
+    ("mpc", "turn"): 0.80,
+    ("mpc", "sharp"): 2.90,
+    ("mpc+perfect", None): 0.18,
 }
 
 
 def test_gaze_errors_on_real_walks_are_as_measured(walks_dir):
-    """As measured: 12.7 deg without prediction; on the face for 1.3 % of the time, with prediction 92 and 90 %."""
+    """As measured: 12.7 deg without prediction; on the face for 2.6 % of the time, with prediction 93 and 92 %."""
     results = measured(walks_dir)
     means_deg = {(controller, group): mean_rms(results, controller, group) for controller, group in MEASURED_DEG}
     assert [key for key, mean_deg in means_deg.items() if mean_deg >= 1.15 * MEASURED_DEG[key]] == [], means_deg

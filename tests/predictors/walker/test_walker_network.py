@@ -3,11 +3,10 @@
 import dataclasses
 import json
 import math
-from operator import mul
 
 import numpy as np
 import pytest
-from builders.walkers import NOTHING, random_model, random_motion
+from builders.walkers import NOTHING, random_model
 from scipy.interpolate import CubicSpline
 
 from gazempc.errors import SettingsError
@@ -15,96 +14,97 @@ from gazempc.loop.build import Person, make_predictor
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
 from predictors.walker.between import BetweenKnots
-from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_SPREAD
+from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
 from predictors.walker.model_file import load_walker_model, model_file, save_walker_model
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, N_OUTPUTS, RegimeMotion, WalkerModelError
+from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, N_OUTPUTS, WalkerModelError, evidence_of
 
 
-def rows(n, seed=3):
-    rng = np.random.default_rng(seed)
-    network = rng.standard_normal((n, N_INPUTS))
-    network[:, KNOWN] = rng.integers(0, 3, (n, 2)) / 2.0
-    return network, rng.standard_normal((n, N_SPREAD)), random_motion(rng, n)
-
-
-def layers(weights, biases, inputs):
-    """Each network's outputs, layer by layer, shape (E, N, outputs)."""
+def layers(ensemble, inputs):
+    """Each network's outputs, layer by layer, shape (E, outputs)."""
     found = []
-    for k in range(weights[0].shape[0]):
+    for k in range(ensemble.weights[0].shape[0]):
         h = inputs
-        for i, (w, b) in enumerate(zip(weights, biases, strict=True)):
-            h = h @ w[k].astype(float) + b[k]
-            h = np.tanh(h) if i < len(weights) - 1 else h
+        for i, (w, b) in enumerate(zip(ensemble.weights, ensemble.biases, strict=True)):
+            h = h @ w[k].astype(float) + b[k, 0]
+            h = np.tanh(h) if i < len(ensemble.weights) - 1 else h
         found.append(h)
     return np.array(found)
 
 
-def parts_of(outputs, motion):
+def motion_of(outputs, line_m_s, places_m):
     """Departures of walking and of standing, and logits of walking."""
     assert outputs.shape[-1] == N_OUTPUTS
     k = 3 * KNOTS_S.size
-    departures = outputs[..., :k].reshape(*outputs.shape[:-1], KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
-    shares = np.exp(outputs[..., k + 1 :])
-    stay_m = np.einsum("enp,npi->eni", shares / shares.sum(axis=-1, keepdims=True), motion.places_m)
+    departures = outputs[:, :k].reshape(-1, KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
+    shares = np.exp(outputs[:, k + 1 :])
+    stay_m = (shares / shares.sum(axis=-1, keepdims=True)) @ places_m
     # Critically damped, from rest, with a time constant of 0.4 s.
-    newest_m, returned = motion.places_m[:, :1], 1.0 - ((1.0 + KNOTS_S / 0.4) * np.exp(-KNOTS_S / 0.4))[:, None]
-    at_m = newest_m + returned * (stay_m[..., None, :] - newest_m)
-    return departures, at_m - KNOTS_S[:, None] * motion.line_m_s[:, None, :], outputs[..., k]
+    returned = 1.0 - ((1.0 + KNOTS_S / 0.4) * np.exp(-KNOTS_S / 0.4))[:, None]
+    at_m = places_m[0] + returned * (stay_m[:, None, :] - places_m[0])
+    return departures, at_m - KNOTS_S[:, None] * line_m_s, outputs[:, k]
 
 
-@pytest.mark.parametrize("known", [(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (0.25, 0.5)])
-@pytest.mark.parametrize(("evidence", "precise"), [(None, 0.0), (0.7, 0.0), (0.7, 0.25), (0.7, 1.0)])
-def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(known, evidence, precise):
-    """With networks for tracks with orientation, for precise trackers, for tracks without orientation, or a mixture."""
-    model, (x, spread, motion) = random_model(), rows(5)
-    x[:, KNOWN], precision = known, np.full(5, precise)
-    mirrored = RegimeMotion(motion.line_m_s * [1, -1, 1], motion.places_m * [1, -1, 1])
-    ensembles = []
-    for each in (model.seeing, model.blind, model.precise):
-        pair = each.weights, each.biases
-        own, other = parts_of(layers(*pair, x), motion), parts_of(layers(*pair, x * MIRROR), mirrored)
-        pairs_of_parts = zip(own, (other[0] * [1, -1, 1], other[1] * [1, -1, 1], other[2]), strict=True)
-        ensembles.append([np.concatenate(pair_of_parts) for pair_of_parts in pairs_of_parts])
-    shares = max(known) * (1.0 - precise), 1.0 - max(known), max(known) * precise
-    walk, stay, logit = (sum(map(mul, shares, each)) for each in zip(*ensembles, strict=True))
+@pytest.mark.parametrize(
+    ("ensemble", "known", "precise"),
+    [
+        ("seeing", (1.0, 1.0), 0.0),
+        ("seeing", (0.0, 1.0), 0.0),
+        ("blind", (0.0, 0.0), 1.0),
+        ("precise", (1.0, 0.5), 1.0),
+    ],
+)
+@pytest.mark.parametrize("evidence", [None, 0.7])
+def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble, known, precise, evidence):
+    """With the networks for tracks with orientation, without, or for precise trackers."""
+    rng, model = np.random.default_rng(3), random_model()
+    x, spread = rng.standard_normal(N_INPUTS), rng.standard_normal(N_SPREAD)
+    x[KNOWN], line_m_s, places_m = known, rng.standard_normal(3), 0.1 * rng.standard_normal((N_PLACES, 3))
+    own = motion_of(layers(getattr(model, ensemble), x), line_m_s, places_m)
+    turned = motion_of(layers(getattr(model, ensemble), x * MIRROR), line_m_s * [1, -1, 1], places_m * [1, -1, 1])
+    mirrored = turned[0] * [1, -1, 1], turned[1] * [1, -1, 1], turned[2]
+    walk, stay, logit = (np.concatenate(pair) for pair in zip(own, mirrored, strict=True))
+    outputs = model.outputs(x, precise)
+    assert evidence_of(outputs) == pytest.approx(logit.mean(), abs=1e-6)
     if evidence is not None:
-        logit = logit - logit.mean(axis=0) + evidence
+        logit = logit - logit.mean() + evidence
     walks = 1.0 / (1.0 + np.exp(-logit))
-    answers = walks[..., None, None] * walk + (1.0 - walks)[..., None, None] * stay
-    departure, doubt = model.answer(model.regimes(x, motion, precision), spread, evidence and np.full(5, evidence))
+    answers = walks[:, None, None] * walk + (1.0 - walks)[:, None, None] * stay
+    used = evidence_of(outputs) if evidence is None else evidence
+    departure, doubt = model.answer(outputs, used, spread, line_m_s, places_m)
     np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
-    np.testing.assert_array_equal(doubt[:, :N_SPREAD], spread)
-    knots = [int(np.flatnonzero(h == KNOTS_S)[0]) for h in (0.5, 1.0)]
-    size = [
-        np.abs(departure[:, knots[0], 1]) / 0.06,
-        np.abs(departure[:, knots[1], 1]) / 0.2,
-        np.abs(departure[:, knots[1], 0]) / 0.2,
-    ]
-    np.testing.assert_allclose(doubt[:, N_SPREAD:-3], np.minimum(size, 4.0).T, atol=1e-5)
-    off = (answers - answers.mean(axis=0))[:, :, knots[1], :2]
-    apart = np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=0))
-    np.testing.assert_allclose(doubt[:, -3], np.log1p(apart / 0.02), atol=1e-5)
-    far = np.linalg.norm((walk - stay)[:, :, knots[1], :2], axis=-1)
-    torn = np.sqrt(np.mean(walks * (1.0 - walks) * far**2, axis=0))
-    np.testing.assert_allclose(doubt[:, -2], np.log1p(torn / 0.02), atol=1e-5)
-    np.testing.assert_allclose(doubt[:, -1], walks.mean(axis=0), atol=1e-6)
+    np.testing.assert_array_equal(doubt[:N_SPREAD], spread)
+    near, far = (int(np.flatnonzero(h == KNOTS_S)[0]) for h in (0.5, 1.0))
+    size = np.abs([departure[near, 1] / 0.06, departure[far, 1] / 0.2, departure[far, 0] / 0.2])
+    np.testing.assert_allclose(doubt[N_SPREAD:-3], np.minimum(size, 4.0), atol=1e-5)
+    off = (answers - answers.mean(axis=0))[:, far, :2]
+    apart = np.sqrt(np.mean(np.sum(off**2, axis=-1)))
+    np.testing.assert_allclose(doubt[-3], np.log1p(apart / 0.02), atol=1e-5)
+    torn = np.sqrt(np.mean(walks * (1.0 - walks) * np.sum((walk - stay)[:, far, :2] ** 2, axis=-1)))
+    np.testing.assert_allclose(doubt[-2], np.log1p(torn / 0.02), atol=1e-5)
+    np.testing.assert_allclose(doubt[-1], walks.mean(), atol=1e-6)
+
+
+def test_outputs_are_blended_by_the_weights_of_orientation_and_precision():
+    x, model = np.random.default_rng(4).standard_normal(N_INPUTS), random_model()
+    x[KNOWN] = 0.25, 0.5
+    expected = 0.5 * (0.75 * model.seeing(x) + 0.25 * model.precise(x)) + 0.5 * model.blind(x)
+    np.testing.assert_allclose(model.outputs(x, 0.25), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("v", [3.0, 5.0, math.inf])
 def test_spread_is_the_standard_deviation_of_the_t_distribution(v):
     model = dataclasses.replace(random_model(), degrees_of_freedom=v)
-    doubt = np.random.default_rng(0).uniform(0.0, 1.0, (3, N_DOUBT))
+    doubt = np.random.default_rng(0).uniform(0.0, 1.0, N_DOUBT)
     units = np.tanh(doubt @ model.hidden)
     scale = np.exp(np.tensordot(doubt, model.log_spread, axes=1) + np.tensordot(units, model.log_spread_hidden, axes=1))
     factor = 1.0 if v == math.inf else math.sqrt(v / (v - 2.0))
     stated = model.spread_m(doubt)
-    assert stated.shape == (3, KNOTS_S.size, 4)
-    np.testing.assert_allclose(stated[..., :3], factor * scale)
-    np.testing.assert_allclose(stated[..., 3], np.tile(factor * model.noise_share, (3, 1)))
-    sure, unsure = np.zeros((1, N_DOUBT)), np.zeros((1, N_DOUBT))
-    sure[0, 0], unsure[0, 0] = 1e3, -1e3  # log_spread[0] is negative
-    np.testing.assert_allclose(model.spread_m(sure)[..., :3], factor * 0.002)
-    np.testing.assert_allclose(model.spread_m(unsure)[..., :3], factor * 5.0)
+    assert stated.shape == (KNOTS_S.size, 4)
+    np.testing.assert_allclose(stated[:, :3], factor * scale)
+    np.testing.assert_allclose(stated[:, 3], factor * model.noise_share)
+    first = np.eye(N_DOUBT)[0]  # log_spread[0] is negative
+    np.testing.assert_allclose(model.spread_m(1e3 * first)[:, :3], factor * 0.002)
+    np.testing.assert_allclose(model.spread_m(-1e3 * first)[:, :3], factor * 5.0)
 
 
 def test_departures_and_spread_at_between_and_beyond_the_knots():

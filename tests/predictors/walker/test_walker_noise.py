@@ -1,4 +1,4 @@
-"""Estimates of `Walker`: noise, noise colour, range errors, and errors of its own past lines."""
+"""Estimates of `Walker`: white noise and range errors."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,8 @@ from builders.trackers import seen_m, wander
 from builders.walkers import random_covariance, straight_model
 
 from predictors import HeadObservation, Walker
-from predictors.walker.line import Line, LineErrors
-from predictors.walker.noise import N_COLOURS, MeasuredColour, MeasuredNoise, without_stated
-from predictors.walker.range_error import MeasuredRange
+from predictors.walker.features import WalkerHistory
+from predictors.walker.noise import MeasuredRange
 
 FRAME_S = 1.0 / 30.0
 
@@ -19,13 +18,16 @@ def walk_m(times_s):
     return np.stack([1.2 * times_s, sway, 0.4 + bob], axis=1)
 
 
+LINE, SURELY_M2 = np.array([0.0, 0.0, 0.4, 1.2, 0.0, 0.0]), 1e-4 * np.eye(3)
+
+
 def measured(times_s, positions_m):
-    """Mean estimate over the second half of a track."""
-    noise, found = MeasuredNoise(), []
-    for k in range(1, times_s.size + 1):
-        noise.learn(times_s[:k], positions_m[:k])
-        found.append(noise.covariance_m2())
-    return np.mean(found[times_s.size // 2 :], axis=0)
+    """Estimate after each frame."""
+    history, found = WalkerHistory(), []
+    for time_s, position_m in zip(times_s, positions_m, strict=True):
+        history.add(HeadObservation(time_s, position_m), LINE, SURELY_M2)
+        found.append(history.white_noise_m2())
+    return np.array(found)
 
 
 @pytest.mark.parametrize("rate_hz", [15.0, 60.0])
@@ -35,7 +37,7 @@ def test_size_and_direction_of_white_noise_are_estimated(rate_hz, jitter):
     rng = np.random.default_rng(3)
     times_s = (np.arange(600) + jitter * rng.uniform(-0.5, 0.5, 600)) / rate_hz
     true = random_covariance(rng, (0.03, 0.01, 0.005))
-    found = measured(times_s, walk_m(times_s) + rng.multivariate_normal(np.zeros(3), true, 600))
+    found = measured(times_s, walk_m(times_s) + rng.multivariate_normal(np.zeros(3), true, 600))[300:].mean(axis=0)
     sds, axes = np.linalg.eigh(found)
     true_sds, true_axes = np.linalg.eigh(true)
     assert abs(axes[:, 2] @ true_axes[:, 2]) > np.cos(np.radians(6.0))
@@ -44,108 +46,22 @@ def test_size_and_direction_of_white_noise_are_estimated(rate_hz, jitter):
 
 def test_without_noise_the_estimate_is_the_floor_and_robust_to_a_spike():
     times_s = np.arange(300) * FRAME_S
-    np.testing.assert_allclose(np.sqrt(measured(times_s, walk_m(times_s)).diagonal()), 0.002, atol=0.001)
+    np.testing.assert_allclose(
+        np.sqrt(measured(times_s, walk_m(times_s))[150:].mean(axis=0).diagonal()), 0.002, atol=0.001
+    )
     shaken = walk_m(times_s)
     shaken[200] += [5.0, 0.0, 0.0]
-    assert np.sqrt(measured(times_s, shaken)[0, 0]) < 0.05
+    assert np.sqrt(measured(times_s, shaken)[150:, 0, 0].mean()) < 0.05
 
 
 @pytest.mark.parametrize(("rate_hz", "share"), [(30.0, 7.0 / 9.0), (10.0, 0.0)])
-def test_the_share_of_measurements_is_stated(rate_hz, share):
+def test_the_prior_loses_weight_with_each_measurement(rate_hz, share):
     """Third differences of a constant size, 8 / sqrt(20) of an alternation: the prior's weight is 2 / (frames - 1)."""
-    noise, times_s = MeasuredNoise(), np.arange(10) / rate_hz
     positions_m = np.outer((-1.0) ** np.arange(10), [0.003, 0.0, 0.0])
-    for k in range(1, 11):
-        noise.learn(times_s[:k], positions_m[:k])
-    assert noise.measured_share == pytest.approx(share)
+    found_m2 = measured(np.arange(10) / rate_hz, positions_m)[-1]
     prior_m2, measured_m2 = (1.0 - share) * 0.01**2, share * 64.0 / 20.0 * 0.003**2
     expected_m2 = [prior_m2 + 0.002**2 + own for own in (measured_m2, 0.0, 0.0)]
-    np.testing.assert_allclose(noise.covariance_m2().diagonal(), expected_m2)
-
-
-@pytest.mark.parametrize("size_m", [0.0, 0.002, 0.02])
-def test_wander_is_estimated_without_prior_from_the_first_difference_on(size_m):
-    """A square wave that changes sign every four frames, along one of two axes."""
-    colour = MeasuredColour()
-    track = np.outer(size_m * (-1.0) ** (np.arange(20) // 4), [1.0, 0.0, 0.0, 0.0, 0.0])
-    for k in range(1, 21):
-        colour.learn(track[:k])
-        if k <= 12:
-            assert colour.wander_m() == (np.inf, 0.0)
-        else:
-            assert colour.wander_m() == pytest.approx((8.0 / np.sqrt(40.0) * size_m, 1.0 - 21.0 / (k + 9.0)), abs=1e-8)
-
-
-def colour_of(track):
-    """Final colour estimate; columns: horizontal and vertical at three lags, pelvis and head at two."""
-    colour = MeasuredColour()
-    for k in range(1, len(track) + 1):
-        logs = colour.learn(track[max(0, k - 36) : k])
-    return logs
-
-
-def mean_colour(error_of, n=20):
-    found = [colour_of(error_of(np.random.default_rng(seed))) for seed in range(n)]
-    return np.mean(found, axis=0)
-
-
-def test_noise_colour_separates_white_noise_from_wander():
-    """White noise has equal differences at all lags; those of wander grow with the lag by its autocorrelation."""
-    times_s = np.arange(150) * FRAME_S
-    still = np.zeros((150, 5))
-
-    def white(rng):
-        return still + 0.02 * rng.standard_normal((150, 5)) * [1, 1, 1, 3.5, 3.5]
-
-    def slow(rng):
-        return still + wander(rng, times_s, 0.02, 0.4, 5) * [1, 1, 1, 3.5, 3.5]
-
-    ratios = np.exp(mean_colour(white))
-    # 20 mm over the unit of 10 mm, 4 deg over 2 deg; a mean of logarithms is a little less.
-    np.testing.assert_allclose(ratios, 2.0, rtol=0.15)
-    found = np.exp(mean_colour(slow))
-    # Variance of (-1, 3, -3, 1) of an autocorrelation r: (20 - 30 r + 12 r^2 - 2 r^3) / 20.
-    r = np.exp(-np.array([1, 2, 4]) * FRAME_S / 0.4)
-    expected = 2.0 * np.sqrt((20 - 30 * r + 12 * r**2 - 2 * r**3) / 20)
-    for columns, lags in (((0, 1, 2), (0, 1, 2)), ((3, 4, 5), (0, 1, 2)), ((6, 7), (0, 2)), ((8, 9), (0, 2))):
-        np.testing.assert_allclose(found[list(columns)], expected[list(lags)], rtol=0.25)
-    assert found[2] / found[0] > 1.6 * ratios[2] / ratios[0]
-
-
-def errors_of(times_s, positions_m, velocity_m_s, heading_rad=0.0, stated_m2=(0.0, 0.0, 0.0)):
-    """Final error estimate of lines with constant slope through these positions."""
-    errors = LineErrors()
-    for t, p in zip(times_s, positions_m, strict=True):
-        found = errors.learn(p, Line(t, p, velocity_m_s, heading_rad), np.array(stated_m2))
-    return np.array(found)
-
-
-def test_forecast_errors_are_estimated_per_horizon_and_axis():
-    """A line 0.2 m/s too fast: errors along of 40 mm after 0.2 s and 100 mm after 0.5 s."""
-    times_s = np.arange(300) * FRAME_S
-    found = errors_of(times_s, np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])).reshape(2, 3)
-    usual = np.array([0.025, 0.07])
-    np.testing.assert_allclose(np.exp(2.0 * found[:, 0]), ([0.04, 0.1] / usual) ** 2 + 0.01, rtol=0.05)
-    np.testing.assert_allclose(found[:, 1:], 0.5 * np.log(0.01), atol=0.1)
-    walked_m, too_fast_m_s = np.outer(times_s, [1.0, 0.0, 0.0]), np.array([1.2, 0.0, 0.0])
-    aside = errors_of(times_s, walked_m, too_fast_m_s, -0.5 * np.pi).reshape(2, 3)
-    assert np.all(aside[:, 1] > 0.0)
-    assert np.all(aside[:, 0] < -2.0)
-    stated = errors_of(times_s, walked_m, too_fast_m_s, 0.0, (0.01, 4.0, 4.0))
-    expected = np.square([0.04, 0.1]) / (usual**2 + 0.01) + 0.01
-    np.testing.assert_allclose(np.exp(2.0 * stated.reshape(2, 3)[:, 0]), expected, rtol=0.05)
-
-
-@pytest.mark.parametrize("sd_m", [0.0, 0.3])
-def test_stated_noise_is_subtracted_from_position_colours(sd_m):
-    """Stated white noise adds to the unit in the denominator; yaws are unchanged."""
-    colours = np.linspace(-1.0, 2.0, N_COLOURS)
-    found = without_stated(colours, np.array([2.0 * sd_m**2, 0.0, 4.0 * sd_m**2]))
-    expected = colours.copy()
-    expected[:3] -= np.log(np.hypot(0.01, sd_m) / 0.01)
-    expected[3:6] -= np.log(np.hypot(0.01, 2.0 * sd_m) / 0.01)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
-    np.testing.assert_array_equal(colours, np.linspace(-1.0, 2.0, N_COLOURS))
+    np.testing.assert_allclose(found_m2.diagonal(), expected_m2)
 
 
 # ---------------------------------------------------------------- errors of the range

@@ -227,6 +227,16 @@ def test_a_jump_of_half_a_metre_is_refused():
     assert np.max(np.linalg.norm(shaken[62:, 3] - clean[62:, 3], axis=1)) < 0.06
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_errors_of_a_tracks_first_frames_are_no_start(seed):
+    """A standing person whose first 0.1 s drift by 7 cm: no forecast at 0.5 s is 0.3 m away, as a false start is."""
+    rng, walker = np.random.default_rng(seed), Walker()
+    for k in range(30):
+        at_m = np.array([2.5, 0.5 + 0.07 * min(k / 3, 1.0), 0.4]) + 0.005 * rng.standard_normal(3)
+        walker.update(HeadObservation(k / 30, at_m))
+        assert k == 0 or np.linalg.norm(walker.forecast([k / 30 + 0.5]).means_base_m[0] - at_m) < 0.3
+
+
 def test_a_gap_is_coasted_with_growing_variance_until_recovery():
     """The track is extrapolated; afterwards the forecast converges to that without a gap."""
     observations, gap_s = seen_of("subject06_R1"), 1.0
