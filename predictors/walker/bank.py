@@ -51,10 +51,12 @@ def at_start(position_m: FloatArray) -> FloatArray:
 
 
 def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_s: ca.SX, to_line: ca.SX) -> ca.SX:
-    """Kalman filters of constant velocity, after a position.
+    """Measurement update of the Kalman filters, with white-noise acceleration and the Joseph form of the covariance.
+
+    Source: Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001.
 
     Args:
-        filters: Their states, one a column.
+        filters: Their states, shape (45, N_FILTERS), see `SIZES`.
         position_m: The position, shape (3,), metres.
         noise_m2: Its covariance, shape (3, 3), square metres.
         dt_s: Time since the last position, seconds.
@@ -62,7 +64,7 @@ def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_
         to_line: Rotation from the base frame to the line's, shape (3, 3).
 
     Returns:
-        Their new states.
+        The new states, shape (45, N_FILTERS).
     """
     F: Any = transition(dt_s)
     frames = ca.fmin(ca.fmax(dt_s, _SHORTEST_S), _LONGEST_S) / USUAL_S
@@ -73,10 +75,10 @@ def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_
         Q: Any = process_noise(dt_s, psd)
         P = _symmetric(F @ P @ F.T + Q)
         R = noise_m2 + (gait_m**2 / frames + _ROUNDING_M2) * np.eye(3)
-        # LDL': with a stated covariance of condition 1e9 the minors of the matrix cancel.
+        # LDL' factors: minors of the matrix cancel with a stated covariance of condition 1e8.
         K = ca.ldl_solve(P[:3, :], *ca.ldl(P[:3, :3] + R, False)).T
         innovation_m = position_m - x[:3]
-        # Joseph form, as in `ConstantVelocity`: with R of condition 1e4 the short form diverges.
+        # Joseph form, as in `ConstantVelocity`: the short form diverges with R of condition 1e4.
         rest = ca.SX.eye(6) - ca.horzcat(K, ca.SX(6, 3))
         P = _symmetric(rest @ P @ rest.T + K @ R @ K.T)
         ratio2 = ca.fmin((to_line @ innovation_m / INNOVATION_M) ** 2, _LARGEST_RATIO2)
@@ -93,13 +95,13 @@ def averaged(means: ca.SX, position_m: ca.SX, dt_s: ca.SX, age_s: ca.SX) -> ca.S
     """Running means of the position, and mean squared horizontal distances from them.
 
     Args:
-        means: Their states, one a column.
+        means: Their states, shape (4, N_MEANS), see `SIZES`.
         position_m: The newest position, shape (3,), metres.
         dt_s: Time since the last one, seconds.
         age_s: Age of the track at the last one, seconds.
 
     Returns:
-        Their new states.
+        The new states, shape (4, N_MEANS).
     """
     new = []
     for memory_s, old in zip(MEANS_S, ca.horzsplit(means), strict=True):
@@ -113,14 +115,14 @@ def followed(yaw: ca.SX, seen_rad: ca.SX, is_seen: ca.SX, dt_s: ca.SX, age_s: ca
     """Low-pass filters of a yaw, and a resonator at the frequency of a stride.
 
     Args:
-        yaw: The state.
+        yaw: The state, shape (2 + N_YAW,), see `SIZES`.
         seen_rad: Observed yaw, radians.
         is_seen: 1 if it is observed in this frame; else 0, and the filters are held.
         dt_s: Time since the last frame, seconds.
         age_s: Age of the track at the last frame, seconds.
 
     Returns:
-        The new state.
+        The new state, shape (2 + N_YAW,).
     """
     since_s = yaw[1] + dt_s
     memories_s = ca.fmin(ca.DM(YAW_MEANS_S), age_s)

@@ -33,7 +33,14 @@ class Compiled(threading.local):
             self._buffer.set_res(k, array.data)
 
     def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
-        """Evaluate at the arguments, column by column; the results are copies."""
+        """Evaluate the function.
+
+        Args:
+            *arguments: Flat arrays, matrices column by column.
+
+        Returns:
+            Flat copies of the results, matrices column by column.
+        """
         for array, value in zip(self._arguments, arguments, strict=True):
             array[:] = value
         self._evaluate()

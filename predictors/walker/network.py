@@ -181,7 +181,7 @@ class WalkerModel:
         return reduce(add, (share * ensemble(network) for ensemble, share in shares if share > 0.0))
 
     def answer(
-        self, outputs: FloatArray, evidence: float, spread: FloatArray, line_m_s: FloatArray, places_m: FloatArray
+        self, outputs: FloatArray, log_odds: float, spread: FloatArray, line_m_s: FloatArray, places_m: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Departure from the line, and the features of the uncertainty model.
 
@@ -190,7 +190,7 @@ class WalkerModel:
 
         Args:
             outputs: Outputs of the networks, shape (2 E, N_OUTPUTS).
-            evidence: Log-odds of walking, see `evidence_of`; in place of the ensemble's mean.
+            log_odds: Log-odds of walking, see `log_odds_of`; in place of the ensemble's mean.
             spread: Inputs of the uncertainty model, shape (N_SPREAD,).
             line_m_s: Velocity of the line along, across and up, shape (3,).
             places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres.
@@ -200,7 +200,7 @@ class WalkerModel:
             `spread_m`, shape (N_DOUBT,): `spread`, the size of the departure, the standard deviation over the
             ensemble, the distance between the two regimes, and the probability of walking.
         """
-        track = np.concatenate([places_m.ravel(), line_m_s, [evidence, *self.decision]])
+        track = np.concatenate([places_m.ravel(), line_m_s, [log_odds, *self.decision]])
         departure, doubt = _mixture(len(outputs))(outputs.ravel(), track)
         return departure.reshape(KNOTS_S.size, 3), np.concatenate([spread, doubt])
 
@@ -224,7 +224,7 @@ class WalkerModel:
         return spread
 
 
-def evidence_of(outputs: FloatArray) -> float:
+def log_odds_of(outputs: FloatArray) -> float:
     """Mean log-odds of walking of the networks' outputs."""
     return math.fsum(outputs[:, WALKS].tolist()) / len(outputs)
 
@@ -239,16 +239,16 @@ def _mixture_of(networks: int) -> ca.Function:
     """Function of outputs and track to the departure and its features, see `WalkerModel.answer`."""
     flat, track = ca.SX.sym("outputs", networks * N_OUTPUTS), ca.SX.sym("track", 3 * N_PLACES + 6)
     places_m = ca.reshape(track[: 3 * N_PLACES], 3, N_PLACES)
-    line_m_s, (evidence, slope, threshold) = track[-6:-3], ca.vertsplit(track[-3:])
+    line_m_s, (log_odds, slope, threshold) = track[-6:-3], ca.vertsplit(track[-3:])
     columns = ca.vertsplit(flat, N_OUTPUTS)
-    evidence -= ca.sum1(ca.vertcat(*(column[WALKS] for column in columns))) / networks
+    log_odds -= ca.sum1(ca.vertcat(*(column[WALKS] for column in columns))) / networks
     begin_m = places_m[:, 0] @ (1.0 - _RETURNED)[None] - line_m_s @ KNOTS_S[None]
     probabilities, means_m, between_m2 = [], [], []
     for column in columns:
         share = ca.exp(column[PLACES] - ca.mmax(column[PLACES]))
         stay_m = begin_m + places_m @ share / ca.sum1(share) @ _RETURNED[None]
         apart_m = ca.reshape(column[DEPARTURES], 3, KNOTS_S.size) - stay_m
-        p = 1.0 / (1.0 + ca.exp(slope * (threshold - column[WALKS] - evidence)))
+        p = 1.0 / (1.0 + ca.exp(slope * (threshold - column[WALKS] - log_odds)))
         probabilities.append(p)
         means_m.append(stay_m + p * apart_m)
         between_m2.append(p * (1.0 - p) * ca.sumsqr(apart_m[:2, _FAR]))

@@ -50,7 +50,7 @@ WHITE_AT_START = np.array([*(PRIOR_M**2 * np.eye(3)).ravel(), _PRIOR_FRAMES, 0.0
 
 
 def white_noise(state: ca.SX, position_m: ca.SX, dt_s: ca.SX) -> ca.SX:
-    """Estimate of the white noise after a position: third differences of a walk are small, so they are noise.
+    """Recursive estimate of the white noise from third differences, in which the motion of a walker is small.
 
     Args:
         state: State, shape (22,), at first `WHITE_AT_START`.

@@ -14,7 +14,7 @@ from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.model_file import shipped_walker_model
-from predictors.walker.network import WalkerModel, evidence_of
+from predictors.walker.network import WalkerModel, log_odds_of
 from predictors.walker.noise import MeasuredRange
 
 # Gait (sway and bob) is measurement noise of the line's filter: variance on each axis.
@@ -26,11 +26,11 @@ _WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
 # Time constant of the low-pass filter of the log-odds of walking, seconds. Of 0.05, 0.1, 0.2 and 0.25 s, on standing
 # people left out of the fit: it halves the false starts; from 0.2 s on, at a threshold that detects true starts, eye
 # contact with starting people decreases.
-_EVIDENCE_S = 0.1
-# Log-odds before a track's first frame. Of the first output, -1, -2.5 and -4, on waiting, starting, stopping and
-# walking people outside the fit: it removes the false starts of a tracker's first frames; walkers lose 0.1 points of
-# contact.
-_PRIOR_EVIDENCE = -2.5
+_LOG_ODDS_S = 0.1
+# Prior log-odds of walking at a track's first frame: fewer false starts in the first frames of a tracker. Chosen among
+# -1, -2.5, -4 and no prior on waiting, starting, stopping and walking people outside the fit; walkers lose 0.1 points
+# of contact.
+_PRIOR_LOG_ODDS = -2.5
 
 
 class Walker:
@@ -59,7 +59,7 @@ class Walker:
         self._history = WalkerHistory()
         self._inputs: WalkerInputs | None = None
         self._outputs: FloatArray | None = None
-        self._evidence = _PRIOR_EVIDENCE
+        self._log_odds = _PRIOR_LOG_ODDS
         self._knots: BetweenKnots | None = None
 
     def reset(self) -> None:
@@ -112,8 +112,8 @@ class Walker:
         self._inputs, self._knots = inputs, None
         if inputs.on_foot > 0.0:  # the line has no direction at a first frame
             self._outputs = self._model.outputs(inputs.network, inputs.precise)
-            gain = -math.expm1((last_s - inputs.time_s) / _EVIDENCE_S)
-            self._evidence += gain * (evidence_of(self._outputs) - self._evidence)
+            gain = -math.expm1((last_s - inputs.time_s) / _LOG_ODDS_S)
+            self._log_odds += gain * (log_odds_of(self._outputs) - self._log_odds)
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the networks, for a fit.
@@ -141,7 +141,7 @@ class Walker:
         if self._knots is None:
             assert self._outputs is not None
             of_track = inputs.spread, inputs.line_m_s, inputs.places_m
-            departure_m, doubt = self._model.answer(self._outputs, self._evidence, *of_track)
+            departure_m, doubt = self._model.answer(self._outputs, self._log_odds, *of_track)
             to_base = inputs.to_base
             # Outer products of the line's axes; weighted by the variances along them they sum to the covariance.
             self._squares = np.empty((4, 9))

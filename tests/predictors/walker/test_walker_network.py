@@ -16,7 +16,7 @@ from gazempc.sim.replay import ReplaySettings
 from predictors.walker.between import BetweenKnots
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
 from predictors.walker.model_file import load_walker_model, model_file, save_walker_model
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, N_OUTPUTS, WalkerModelError, evidence_of
+from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, N_OUTPUTS, WalkerModelError, log_odds_of
 
 
 def layers(ensemble, inputs):
@@ -53,8 +53,8 @@ def motion_of(outputs, line_m_s, places_m):
         ("precise", (1.0, 0.5), 1.0),
     ],
 )
-@pytest.mark.parametrize("evidence", [None, 0.7])
-def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble, known, precise, evidence):
+@pytest.mark.parametrize("log_odds", [None, 0.7])
+def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble, known, precise, log_odds):
     """With the networks for tracks with orientation, without, or for precise trackers."""
     rng, model = np.random.default_rng(3), random_model()
     x, spread = rng.standard_normal(N_INPUTS), rng.standard_normal(N_SPREAD)
@@ -64,12 +64,12 @@ def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble,
     mirrored = turned[0] * [1, -1, 1], turned[1] * [1, -1, 1], turned[2]
     walk, stay, logit = (np.concatenate(pair) for pair in zip(own, mirrored, strict=True))
     outputs = model.outputs(x, precise)
-    assert evidence_of(outputs) == pytest.approx(logit.mean(), abs=1e-6)
-    if evidence is not None:
-        logit = logit - logit.mean() + evidence
+    assert log_odds_of(outputs) == pytest.approx(logit.mean(), abs=1e-6)
+    if log_odds is not None:
+        logit = logit - logit.mean() + log_odds
     walks = 1.0 / (1.0 + np.exp(-logit))
     answers = walks[:, None, None] * walk + (1.0 - walks)[:, None, None] * stay
-    used = evidence_of(outputs) if evidence is None else evidence
+    used = log_odds_of(outputs) if log_odds is None else log_odds
     departure, doubt = model.answer(outputs, used, spread, line_m_s, places_m)
     np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
     np.testing.assert_array_equal(doubt[:N_SPREAD], spread)
