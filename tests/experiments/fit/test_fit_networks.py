@@ -8,9 +8,11 @@ from scipy.optimize import approx_fprime
 from scipy.special import softmax
 from scipy.stats import f as f_distribution
 
-from experiments.fit.networks import fit_networks, seen_distance2
+from experiments.fit.command import FitSettings
+from experiments.fit.networks import fit_networks, model_of, seen_distance2
 from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
+from predictors.walker.model_file import load_walker_model
 from predictors.walker.network import KNOTS_S, N_OUTPUTS, PLACES, WALKS, Ensemble, WalkerModel
 
 
@@ -49,6 +51,15 @@ def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
     place_m = np.einsum("np,npc->nc", softmax(logits, axis=1), examples.places_m)
     share = np.sum(stays[:, None] * place_m * examples.places_m[:, 1]) / np.sum(examples.places_m[:, 1] ** 2)
     assert share == pytest.approx(0.6, abs=0.03)
+
+
+def test_the_shipped_model_has_the_settings_and_the_decision_of_a_fit_by_default():
+    shipped = load_walker_model()
+    for name, value in shipped.about["settings"].items():
+        assert FitSettings.model_fields[name].default == value, name
+    layers = {f"weights_{i}": layer for i, layer in enumerate(shipped.seeing.weights)}
+    layers |= {f"biases_{i}": layer for i, layer in enumerate(shipped.seeing.biases)}
+    assert model_of([layers] * 3, "").decision == shipped.decision
 
 
 def test_errors_are_weighted_by_the_inverse_covariance():

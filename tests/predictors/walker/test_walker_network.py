@@ -56,7 +56,7 @@ def motion_of(outputs, line_m_s, places_m):
 @pytest.mark.parametrize("log_odds", [None, 0.7])
 def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble, known, precise, log_odds):
     """With the networks for tracks with orientation, without, or for precise trackers."""
-    rng, model = np.random.default_rng(3), random_model()
+    rng, model = np.random.default_rng(3), dataclasses.replace(random_model(), decision=(1.5, 0.3))
     x, spread = rng.standard_normal(N_INPUTS), rng.standard_normal(N_SPREAD)
     x[KNOWN], line_m_s, places_m = known, rng.standard_normal(3), 0.1 * rng.standard_normal((N_PLACES, 3))
     own = motion_of(layers(getattr(model, ensemble), x), line_m_s, places_m)
@@ -67,7 +67,7 @@ def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble,
     assert log_odds_of(outputs) == pytest.approx(logit.mean(), abs=1e-6)
     if log_odds is not None:
         logit = logit - logit.mean() + log_odds
-    walks = 1.0 / (1.0 + np.exp(-logit))
+    walks = 1.0 / (1.0 + np.exp(-1.5 * (logit - 0.3)))
     answers = walks[:, None, None] * walk + (1.0 - walks)[:, None, None] * stay
     used = log_odds_of(outputs) if log_odds is None else log_odds
     departure, doubt = model.answer(outputs, used, spread, line_m_s, places_m)

@@ -129,6 +129,21 @@ def test_blend_is_the_mixture_of_both_forecasts():
     np.testing.assert_allclose(mixed.covariances_m2[0], second - np.outer(mean, mean), atol=1e-9)
 
 
+def test_a_noisy_person_after_a_precise_track_is_not_precise():
+    """The tracker's error is estimated for each track."""
+    walker, rng, weights = Walker(random_model()), np.random.default_rng(0), []
+    for k in range(60):
+        walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4]), yaw_quat(0.0), yaw_quat(0.0)))
+    assert walker.inputs().precise == 1.0
+    for k in range(60, 120):
+        at_m = np.array([-3.0, 3.0 - k / 30, 0.5]) + 0.005 * rng.standard_normal(3)
+        walker.update(HeadObservation(k / 30, at_m, yaw_quat(-1.57), yaw_quat(-1.57)))
+        if walker.inputs().time_s == k / 30:
+            weights.append(walker.inputs().precise)
+    assert len(weights) >= 30
+    assert max(weights) == 0.0
+
+
 def test_a_track_restarted_elsewhere_has_no_memory():
     """As a new track of the observations there; estimates of the person are reset."""
     walker, fresh = Walker(random_model()), Walker(random_model())
