@@ -43,9 +43,9 @@ class FitSettings(WorkSettings):
         default=None, description="Fit for one tracker only, a shipped sensor or .toml file; default: random trackers"
     )
     variants: int = Field(
-        default=120, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
+        default=140, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
     )
-    networks: int = Field(default=4, ge=1, le=20, description="Networks in each of the three ensembles")
+    networks: int = Field(default=4, ge=1, le=20, description="Networks in each of the two ensembles")
     steps: int = Field(default=8000, ge=1, description="Steps of gradient descent for each network")
     seed: int = Field(default=0, ge=0, description="Seed of the random generators")
     out: Path = Field(default=Path("out/fit"), description="Output folder; an interrupted fit resumes from it")
@@ -118,23 +118,21 @@ def _networks(
     settings: FitSettings, tracker: SensorSpec | None, paths: list[str], people: list[str], left_out: list[str | None]
 ) -> tuple[list[WalkerModel], list[Examples]]:
     folder = settings.out / "runs"
-    with Engine(folder, settings.jobs, settings.dask, unit="job", total=3 * (len(paths) + len(left_out))) as engine:
+    with Engine(folder, settings.jobs, settings.dask, unit="job", total=2 * (len(paths) + len(left_out))) as engine:
         examples = [ExamplesJob(in_place(path), settings.seed, settings.variants, tracker) for path in paths]
-        # Half as many suffice: precise trackers vary little, so these variants differ in the walk alone.
-        precise = [replace(job, variants=max(job.variants // 2, 1), precise=True) for job in examples]
-        _check(engine.run([*examples, *precise]))
+        _check(engine.run(examples))
         # A seed independent of the training examples.
         scoring = [ExamplesJob(in_place(path), settings.seed + 1, 0, tracker) for path in paths]
         scored = [examples_of(row) for row in _check(engine.run(scoring))]
         cache = Cache(folder.resolve())
         jobs = []
         for person in left_out:
-            for made, sees_yaws in ((examples, True), (examples, False), (precise, True)):
-                used = [job for job, name in zip(made, people, strict=True) if name != person]
-                files = tuple(cache.path(job.key()) for job in used)
+            used = [job for job, name in zip(examples, people, strict=True) if name != person]
+            files = tuple(cache.path(job.key()) for job in used)
+            for sees_yaws in (True, False):
                 jobs.append(NetworksJob(files, settings.seed, settings.networks, settings.steps, sees_yaws))
         rows = _check(engine.run(jobs))
-        models = [model_of(rows[k : k + 3], jobs[k].key()) for k in range(0, len(rows), 3)]
+        models = [model_of(rows[k : k + 2], jobs[k].key()) for k in range(0, len(rows), 2)]
         return models, scored
 
 

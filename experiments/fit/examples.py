@@ -42,7 +42,7 @@ _FEWEST_FRAMES = 20
 _SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
 # Placeholder networks: only the inputs of `Walker` are used here, so a fit needs no earlier model.
 _ZERO_NETWORKS = Ensemble(*((np.zeros((1, rows, N_OUTPUTS), dtype=np.float32),) for rows in (N_INPUTS, 1)))
-_BLANK = WalkerModel(_ZERO_NETWORKS, _ZERO_NETWORKS, _ZERO_NETWORKS, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
+_BLANK = WalkerModel(_ZERO_NETWORKS, _ZERO_NETWORKS, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,6 @@ class Examples:
         weight: Weight of each example, shape (N,).
         line_m_s: Velocity of the line along, across and up, shape (N, 3).
         places_m: Candidate places of staying, shape (N, N_PLACES, 3), metres.
-        precise: Weight of the networks for precise trackers, shape (N,).
     """
 
     network: NDArray[np.float16]
@@ -67,7 +66,6 @@ class Examples:
     weight: NDArray[np.float32]
     line_m_s: NDArray[np.float32]
     places_m: NDArray[np.float32]
-    precise: NDArray[np.float32]
 
 
 T = TypeVar("T")
@@ -110,16 +108,14 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
         off = off @ inputs.to_base
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
         truth_and_weight = off, weight * inputs.on_foot
-        regimes = inputs.line_m_s, inputs.places_m, inputs.precise
+        regimes = inputs.velocity_base_m_s @ inputs.to_base, inputs.places_m
         stated_m2 = np.diag(inputs.to_base.T @ inputs.stated_m2 @ inputs.to_base)
         found.append((inputs.network, inputs.spread, np.sqrt(np.maximum(stated_m2, 0.0)), *truth_and_weight, *regimes))
     network, *others = zip(*found, strict=True) if found else ((),) * len(fields(Examples))
     return Examples(np.array(network, dtype=np.float16), *(np.array(each, dtype=np.float32) for each in others))
 
 
-def fitting_examples(
-    path: str, seed: int, variants: int, tracker: SensorSpec | None = None, precise: bool = False
-) -> Examples:
+def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | None = None) -> Examples:
     """Examples of random variants of a recording, each observed by a tracker.
 
     Args:
@@ -127,7 +123,6 @@ def fitting_examples(
         seed: Seed of the random generator, together with the recording's name.
         variants: Number of variants.
         tracker: The tracker; None to draw one at random for each variant.
-        precise: Whether to draw from precise trackers.
 
     Returns:
         The examples.
@@ -137,7 +132,7 @@ def fitting_examples(
     """
     name, walk, rng, stands = _walk_and_rng(path, seed)
     plain = [_PLAIN[k % len(_PLAIN)] for k in range(variants)]
-    return _joined(_variants(walk, rng, plain, tracker, stands, precise), name)
+    return _joined(_variants(walk, rng, plain, tracker, stands), name)
 
 
 def _variants(
@@ -146,7 +141,6 @@ def _variants(
     plain: Sequence[bool],
     given: SensorSpec | None,
     stands: bool,
-    precise: bool = False,
 ) -> list[Examples]:
     straight = is_straight(walk)
     parts = []
@@ -157,8 +151,7 @@ def _variants(
             varied, bent = _variant(walk, straight, each, rng)
         if varied.times_s.size < _FEWEST_FRAMES:
             continue
-        kind = "precise" if precise else "plain" if each else "other"
-        tracker, sensor = ("given", given) if given else draw_tracker(rng, kind)
+        tracker, sensor = ("given", given) if given else draw_tracker(rng, each)
         if tracker == "street":
             varied = flatten(varied)
             if rng.random() < _WOBBLE_SHARE:

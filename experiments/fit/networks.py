@@ -177,14 +177,12 @@ class ExamplesJob:
         seed: Seed of the random generator.
         variants: Number of variants for a fit; 0 for test examples.
         tracker: The only tracker; None for trackers drawn at random.
-        precise: Whether to draw from precise trackers.
     """
 
     recording: str
     seed: int
     variants: int
     tracker: SensorSpec | None
-    precise: bool = False
 
     def key(self) -> str:
         """See `experiments.engine.job.Job`."""
@@ -193,7 +191,7 @@ class ExamplesJob:
     def run(self) -> Row:
         """The examples, array by array."""
         if self.variants:
-            return vars(fitting_examples(self.recording, self.seed, self.variants, self.tracker, self.precise))
+            return vars(fitting_examples(self.recording, self.seed, self.variants, self.tracker))
         return vars(scoring_examples(self.recording, self.seed, self.tracker))
 
 
@@ -238,16 +236,16 @@ def model_of(ensembles: Sequence[Row], key: str) -> walker.WalkerModel:
     """A model with fitted networks and a zero uncertainty model.
 
     Args:
-        ensembles: Results of `NetworksJob`: with orientations, without, and for precise trackers.
+        ensembles: Results of `NetworksJob`: with orientations, and without.
         key: Key of the first.
 
     Returns:
         The model.
     """
     layers = range(sum(name.startswith("weights_") for name in ensembles[0]))
-    seeing, blind, precise = (
+    seeing, blind = (
         walker.Ensemble(*(tuple(row[f"{what}_{i}"] for i in layers) for what in ("weights", "biases")))
         for row in ensembles
     )
     no_spread = np.zeros((walker.N_DOUBT, walker.KNOTS_S.size, 3))
-    return walker.WalkerModel(seeing, blind, precise, no_spread, decision=_DECISION, about={"key": key})
+    return walker.WalkerModel(seeing, blind, no_spread, decision=_DECISION, about={"key": key})

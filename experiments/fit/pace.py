@@ -142,6 +142,10 @@ def flatten(walk: GaplessWalk) -> GaplessWalk:
 
 # Sway: s.d. and correlation time.
 _SWAY_M, _SWAY_TIME_S = (0.002, 0.012), (0.5, 1.5)
+# Share of people with a larger sway, who shift weight from foot to foot or step on the spot as they gesture, with turns
+# of pelvis and head; largest ratio of its s.d. to its correlation time, so that speeds are those of standing people.
+_LARGE_SHARE, _LARGE_SWAY_M, _LARGE_SWAY_TIME_S, _LARGE_YAW_DEG = 0.6, (0.03, 0.2), (0.5, 1.5), (2.0, 20.0)
+_SWAY_SPEED_M_S = 0.15
 # Weight shifts (persistent displacement) and fidgets (out and back), as in prolonged standing (Duarte & Zatsiorsky
 # 1999); leans while talking, reaching or gesturing are larger. Mean intervals are shorter than published ones, so that
 # an example of 5 s contains some.
@@ -174,7 +178,7 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
         The motion.
     """
     t: FloatArray = np.arange(n, dtype=np.float64) * step_s
-    head, pelvis_yaw, head_yaw = _sway_of_standing(n, step_s, rng), np.zeros(n), np.zeros(n)
+    head, pelvis_yaw, head_yaw = _sway_of_standing(n, step_s, rng)
     for share, every_s, size_m, takes_s in (
         (0.4, _SHIFT_EVERY_S, _SHIFT_M, _SHIFT_TIME_S),
         (0.12, _STEP_EVERY_S, _STEP_M, _STEP_TIME_S),
@@ -212,13 +216,16 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
     return GaplessWalk(t, head, pelvis_yaw, head_yaw)
 
 
-def _sway_of_standing(n: int, step_s: float, rng: np.random.Generator) -> FloatArray:
-    """Sway of a standing person, shape (N, 3), metres."""
-    sd_m, time_s = rng.uniform(*_SWAY_M), rng.uniform(*_SWAY_TIME_S)
-    found = gaussian_filter1d(rng.standard_normal((n + 200, 3)), time_s / step_s / 2, axis=0)[100 : 100 + n]
-    found *= sd_m / max(float(found.std()), 1e-9)
-    found[:, 2] *= 0.2
-    return np.asarray(found)
+def _sway_of_standing(n: int, step_s: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sway of a standing person: head position, shape (N, 3), metres, and yaws of pelvis and head, radians."""
+    sd_m, time_s, yaws_rad = rng.uniform(*_SWAY_M), rng.uniform(*_SWAY_TIME_S), np.zeros(2)
+    if rng.random() < _LARGE_SHARE:
+        sd_m = np.exp(rng.uniform(*np.log(_LARGE_SWAY_M)))
+        time_s = max(rng.uniform(*_LARGE_SWAY_TIME_S), sd_m / _SWAY_SPEED_M_S)
+        yaws_rad = np.radians(rng.uniform(*_LARGE_YAW_DEG, size=2))
+    found = gaussian_filter1d(rng.standard_normal((n + 200, 5)), time_s / step_s / 2, axis=0)[100 : 100 + n]
+    found *= [sd_m, sd_m, 0.2 * sd_m, *yaws_rad] / np.maximum(found[:, :3].std(), 1e-9)
+    return found[:, :3], found[:, 3], found[:, 4]
 
 
 def vary_standing(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:

@@ -69,9 +69,9 @@ class Found:
     def by(cls, model: WalkerModel, part: Examples) -> Found:
         """Errors of a model on examples."""
         answers = []
-        columns = (part.network, part.precise, part.spread, part.line_m_s, part.places_m)
-        for network, precise, *of_track in zip(*(column.astype(np.float64) for column in columns), strict=True):
-            outputs = model.outputs(network, float(precise))
+        columns = (part.network, part.spread, part.line_m_s, part.places_m)
+        for network, *of_track in zip(*(column.astype(np.float64) for column in columns), strict=True):
+            outputs = model.outputs(network)
             answers.append(model.answer(outputs, log_odds_of(outputs), *of_track))
         departure, doubt = map(np.array, zip(*answers, strict=True))
         noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)

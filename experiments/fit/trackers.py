@@ -20,8 +20,8 @@ from predictors import HeadObservation
 _WHITE_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Probability of each kind, for unmodified walks and for others.
-KINDS = ("white", "wander", "camera", "jumps", "street")
-_SHARES = {"plain": (0.47, 0.24, 0.25, 0.04, 0.0), "other": (0.30, 0.15, 0.20, 0.0, 0.35)}
+KINDS = ("precise", "white", "wander", "camera", "jumps", "street")
+_PLAIN_SHARES, _OTHER_SHARES = (0.14, 0.40, 0.21, 0.21, 0.04, 0.0), (0.14, 0.26, 0.13, 0.17, 0.0, 0.30)
 # Precise trackers, such as motion capture: white noise of position and yaws.
 _PRECISE_M, _PRECISE_YAW_DEG = (0.0, 0.0, 0.0005, 0.001, 0.002, 0.003), (0.0, 0.0, 0.5, 1.0, 2.0)
 # Measured orientations (head, pelvis), with probabilities.
@@ -54,22 +54,22 @@ _FINE_HZ = 120.0
 _USUAL_HZ = 30.0
 
 
-def draw_tracker(rng: np.random.Generator, walks: str) -> tuple[str, SensorSpec]:
+def draw_tracker(rng: np.random.Generator, plain: bool) -> tuple[str, SensorSpec]:
     """Draw a random tracker.
 
     Args:
         rng: Random generator.
-        walks: ``plain`` for unmodified walks, ``other`` for other walks; ``precise`` for a precise tracker.
+        plain: Whether the walk is unmodified.
 
     Returns:
         Its kind, one of `KINDS`, and its model.
     """
     fields: dict[str, Any] = {"rate_hz": _USUAL_HZ}
-    if walks == "precise":
+    kind = str(rng.choice(KINDS, p=_PLAIN_SHARES if plain else _OTHER_SHARES))
+    if kind == "precise":
         fields["rate_hz"] = _draw_rate_hz(rng)
         fields |= {"position_noise_m": rng.choice(_PRECISE_M), "yaw_noise_deg": rng.choice(_PRECISE_YAW_DEG)}
-        return "white", _make_sensor("white", fields, rng)
-    kind = str(rng.choice(KINDS, p=_SHARES[walks]))
+        return kind, _make_sensor(kind, fields, rng)
     head, pelvis = _ORIENTATIONS[rng.choice(4, p=_ORIENTATION_SHARES)]
     yaws: list[dict[str, Any]] = [{}, {}]
     if kind in {"white", "jumps"}:

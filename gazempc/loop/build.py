@@ -26,7 +26,7 @@ from gazempc.people.schedule import LookAways
 from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
 from predictors import Predictor
-from predictors.walker.model_file import load_walker_model, model_file, shipped_walker_model
+from predictors.walker.model_file import load_walker_model, shipped_walker_model
 from predictors.walker.network import WalkerModel, WalkerModelError
 
 # A hundred times the size of the shipped model.
@@ -141,8 +141,10 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
     if fitted is None:
         return shipped_walker_model()
     path = fitted
+    if fitted.is_dir():  # written by `experiments.fit`
+        left_out = fitted / "left_out" / f"{person}.npz"
+        path = left_out if left_out.is_file() else fitted / "walker.npz"
     try:
-        path = model_file(fitted, person)
         read_npz(path, _MOST_MODEL_BYTES)
         return load_walker_model(path)
     except WalkerModelError as error:

@@ -1,8 +1,10 @@
-"""Recursive estimates of a track as CasADi expressions: filter bank, running means, low-pass filters of the yaws."""
+"""Recursive estimates of a track in CasADi: white noise, filter bank, running means, low-pass filters of the yaws."""
 
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -10,8 +12,20 @@ import numpy as np
 
 from predictors.constant_velocity import process_noise, transition
 from predictors.types import FloatArray
-from predictors.walker.noise import NEVER_S
 
+# White noise of a tracker: prior standard deviation and its number of frames, memory; largest and smallest s.d.
+PRIOR_M, PRIOR_FRAMES, MEMORY_FRAMES, _LARGEST_M, _SMALLEST_M = 0.01, 3, 30, 0.05, 0.002
+# Longest span of four frames; the third difference over a longer one contains gait. Between the spans at 15 and at
+# 14 frames a second, so rounding of the time stamps has no effect.
+_SPAN_S = 0.207
+# Shortest frame interval of a camera; a shorter one means two mixed sources or a clock step.
+STEP_S = 1e-3
+NEVER_S = 1e9  # interval to a frame that does not exist
+# Its state: covariance without the floor (below 15 frames a second the prior), number of frames, the last three
+# positions and the two intervals between them.
+_COVARIANCE, _FRAMES, _POSITIONS, _INTERVALS = slice(0, 9), 9, slice(10, 19), slice(19, 21)
+WHITE_AT_START = np.array([*(PRIOR_M**2 * np.eye(3)).ravel(), PRIOR_FRAMES, *[0.0] * 9, NEVER_S, NEVER_S])
+_FLOOR_M2 = _SMALLEST_M**2 * np.eye(3)
 # Constant-velocity filters: power spectral density of the acceleration, m^2/s^3, and s.d. of gait as measurement noise
 # at 30 frames a second, metres. Time constants from one frame to 0.8 s separate a tracker's noise, gait, a tracker's
 # drift and a change of direction.
@@ -33,13 +47,48 @@ _FARTHEST_M, _SPEED_SD_M_S, _ROUNDING_M2 = 100.0, 1.0, 1e-6
 INNOVATION_M, _PRIOR_S, _MEMORY_S, _LARGEST_RATIO2 = 0.014, 0.3, 1.0, 225.0
 # Time constants of the running means, seconds: a standing person sways about the mean position.
 MEANS_S = (1.0, 2.5, 6.0)
-# Time constants of the low-pass filters of a yaw; frequency of a stride, and decay time of the resonator.
-YAW_MEANS_S, _STRIDE_HZ, _DECAY_S = (1e-3, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6), 0.9, 0.7
+# Time constants of the low-pass filters of a yaw, seconds.
+YAW_MEANS_S = (1e-3, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 
-N_FILTERS, N_MEANS, N_YAW = len(FILTERS), len(MEANS_S), len(YAW_MEANS_S) + 2
+N_FILTERS, N_MEANS, N_YAW = len(FILTERS), len(MEANS_S), len(YAW_MEANS_S)
 # States of a filter (position and velocity, their covariance, mean squared innovations), a mean (position, mean squared
-# horizontal distance from it) and a yaw (newest yaw, time since it, low-pass filters relative to it, resonator).
+# horizontal distance from it) and a yaw (newest yaw, time since it, low-pass filters relative to it).
 SIZES = {"filter": 6 + 36 + 3, "mean": 4, "yaw": 2 + N_YAW}
+
+
+class Compiled(threading.local):
+    """A CasADi function of flat arrays, with one set of buffers per thread.
+
+    A call takes a tenth of the time of a call that converts its arguments.
+
+    Args:
+        make: Returns the function; called in each thread.
+    """
+
+    def __init__(self, make: Callable[[], ca.Function]) -> None:
+        function = make()
+        self._buffer: Any
+        self._buffer, self._evaluate = function.buffer()
+        self._arguments = [np.zeros(function.numel_in(k)) for k in range(function.n_in())]
+        self._results = [np.zeros(function.numel_out(k)) for k in range(function.n_out())]
+        for k, array in enumerate(self._arguments):
+            self._buffer.set_arg(k, array.data)
+        for k, array in enumerate(self._results):
+            self._buffer.set_res(k, array.data)
+
+    def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
+        """Evaluate the function.
+
+        Args:
+            *arguments: Flat arrays, matrices column by column.
+
+        Returns:
+            Flat copies of the results, matrices column by column.
+        """
+        for array, value in zip(self._arguments, arguments, strict=True):
+            array[:] = value
+        self._evaluate()
+        return [array.copy() for array in self._results]
 
 
 def at_start(position_m: FloatArray) -> FloatArray:
@@ -48,6 +97,36 @@ def at_start(position_m: FloatArray) -> FloatArray:
     one_filter = [*position_m, 0.0, 0.0, 0.0, *prior.ravel(), 1.0, 1.0, 1.0]
     one_yaw = [0.0, NEVER_S, *[0.0] * N_YAW]
     return np.array(one_filter * N_FILTERS + [*position_m, 0.0] * N_MEANS + one_yaw * 2)
+
+
+def white_noise_m2(state: FloatArray) -> FloatArray:
+    """Covariance of the white noise, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
+    return state[_COVARIANCE].reshape(3, 3) + _FLOOR_M2
+
+
+def white_noise(state: ca.SX, position_m: ca.SX, dt_s: ca.SX) -> ca.SX:
+    """Recursive estimate of the white noise from third divided differences, in which the motion of a walker is small.
+
+    Args:
+        state: State, shape (21,), at first `WHITE_AT_START`.
+        position_m: The position, shape (3,), metres.
+        dt_s: Time since the last one, seconds.
+
+    Returns:
+        The new state.
+    """
+    intervals_s = ca.vertcat(state[_INTERVALS], dt_s)
+    before_s = [ca.sum1(intervals_s[k:]) for k in range(3)] + [0.0]
+    weights = ca.vertcat(*(1.0 / math.prod(b - a for b in before_s if b is not a) for a in before_s))
+    positions_m = ca.horzcat(ca.reshape(state[_POSITIONS], 3, 3), position_m)
+    off_m = positions_m @ weights / ca.norm_2(weights)
+    gain = 1.0 / ca.fmin(state[_FRAMES], MEMORY_FRAMES)
+    # A larger difference counts as one of the largest noise.
+    share = gain * ca.fmin(1.0, 3.0 * _LARGEST_M**2 / ca.fmax(ca.sumsqr(off_m), _SMALLEST_M**2))
+    covariance = (1.0 - gain) * state[_COVARIANCE] + share * ca.vec(off_m @ off_m.T)
+    valid = ca.logic_and(before_s[0] <= _SPAN_S, ca.mmin(intervals_s) >= STEP_S)
+    last = ca.vec(positions_m[:, 1:]), intervals_s[1:]
+    return ca.vertcat(ca.if_else(valid, ca.vertcat(covariance, state[_FRAMES] + 1.0), state[: _POSITIONS.start]), *last)
 
 
 def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_s: ca.SX, to_line: ca.SX) -> ca.SX:
@@ -112,7 +191,7 @@ def averaged(means: ca.SX, position_m: ca.SX, dt_s: ca.SX, age_s: ca.SX) -> ca.S
 
 
 def followed(yaw: ca.SX, seen_rad: ca.SX, is_seen: ca.SX, dt_s: ca.SX, age_s: ca.SX) -> ca.SX:
-    """Low-pass filters of a yaw, and a resonator at the frequency of a stride.
+    """Low-pass filters of a yaw.
 
     Args:
         yaw: The state, shape (2 + N_YAW,), see `SIZES`.
@@ -126,13 +205,8 @@ def followed(yaw: ca.SX, seen_rad: ca.SX, is_seen: ca.SX, dt_s: ca.SX, age_s: ca
     """
     since_s = yaw[1] + dt_s
     memories_s = ca.fmin(ca.DM(YAW_MEANS_S), age_s)
-    low_rad = (yaw[2:-2] - wrap(seen_rad - yaw[0])) * memories_s / (memories_s + since_s)
-    # The slowest low-pass filter removes the mean; the gain makes the output of the order of the amplitude.
-    decay, angle = ca.exp(-since_s / _DECAY_S), 2.0 * math.pi * _STRIDE_HZ * since_s
-    c, s = decay * ca.cos(angle), decay * ca.sin(angle)
-    real = c * yaw[-2] - s * yaw[-1] - 2.0 * (1.0 - decay) * low_rad[-1]
-    new = ca.vertcat(seen_rad, 0.0, low_rad, real, s * yaw[-2] + c * yaw[-1])
-    return ca.if_else(is_seen, new, ca.vertcat(yaw[0], since_s, yaw[2:]))
+    low_rad = (yaw[2:] - wrap(seen_rad - yaw[0])) * memories_s / (memories_s + since_s)
+    return ca.if_else(is_seen, ca.vertcat(seen_rad, 0.0, low_rad), ca.vertcat(yaw[0], since_s, yaw[2:]))
 
 
 def wrap(angle_rad: ca.SX) -> ca.SX:

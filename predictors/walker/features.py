@@ -11,8 +11,6 @@ import numpy as np
 from predictors.geometry import yaw_rad
 from predictors.types import FloatArray, HeadObservation
 from predictors.walker import bank
-from predictors.walker.compiled import Compiled
-from predictors.walker.noise import NEVER_S, PRIOR_M, SHARE, WHITE_AT_START, white_noise, white_noise_m2
 
 # Ramp of the weight of the direction of travel: it is undefined below the first speed.
 _WALKS_M_S = (0.2, 0.5)
@@ -31,36 +29,23 @@ _POSITION_SCALE_M, _VELOCITY_SCALE_M_S, _MEAN_SCALE_M, _YAW_SCALES_RAD = 0.05, 0
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, NOISE_SCALE_M = 1.1, 0.3, 0.01
 _SWAY_SCALE_M, _LEAST_SWAY_M = 0.05, 0.002
 _LARGEST, _SMALLEST_NOISE, _SMALLEST_RATIO2, _LEAST_RATE = 4.0, 0.1, 0.01, 1e-3
-# Precise trackers, such as motion capture: ramps from full to zero weight over the white error of the position (at
-# least 2 mm, the floor of the estimate) and over the horizontal RMS innovation of the fastest filter, metres.
-_PRECISE_WHITE_M, _PRECISE_INNOVATION_M = (0.0025, 0.0032), (0.012, 0.015)
 _ROUNDING_M2 = 1e-12  # a stated covariance may be nearly singular
-# Lengths of a track, seconds: a stride, and the first frames.
-_STRIDE_S, _FIRST_S = 1.2, 0.33
+_STRIDE_S = 1.2
 
-_OF_FILTERS = slice(0, 6 * bank.N_FILTERS)
-_OF_MEANS = slice(_OF_FILTERS.stop, _OF_FILTERS.stop + 4 * bank.N_MEANS)
-_OF_YAW_FILTERS = slice(_OF_MEANS.stop, _OF_MEANS.stop + 2 * bank.N_YAW)
-_SCALARS = _OF_YAW_FILTERS.stop
-N_INPUTS = _SCALARS + 12
+# Order of the inputs: filters, means and sway, yaws, and nine more.
+_OF_YAW_FILTERS = 6 * bank.N_FILTERS + 4 * bank.N_MEANS + np.arange(2 * bank.N_YAW)
+_REST = int(_OF_YAW_FILTERS[-1]) + 1
+N_INPUTS = _REST + 9
 # Inputs that hold the weights of pelvis and head orientation, 0 to 1.
-KNOWN = slice(_SCALARS + 5, _SCALARS + 7)
+KNOWN = slice(_REST + 3, _REST + 5)
 # Inputs that hold the measurement noise: correlation of along and across; logarithms of the standard deviations.
-CORRELATION, LOG_SD = _SCALARS, slice(_SCALARS + 7, _SCALARS + 10)
+CORRELATION, LOG_SD = _REST, slice(_REST + 5, _REST + 8)
 OF_YAWS = np.r_[_OF_YAW_FILTERS, KNOWN]
+# Signs of the inputs under a left-right reflection.
+MIRROR = np.ones(N_INPUTS)
+MIRROR[1 : 6 * bank.N_FILTERS + 3 * bank.N_MEANS : 3] = MIRROR[_OF_YAW_FILTERS] = MIRROR[CORRELATION] = -1.0
 N_PLACES = bank.N_FILTERS + bank.N_MEANS
 N_SPREAD = 12 + 3 * bank.N_FILTERS
-
-
-def _mirror() -> FloatArray:
-    signs = np.ones(N_INPUTS)
-    signs[1 : 6 * bank.N_FILTERS + 3 * bank.N_MEANS : 3] = -1.0
-    signs[_OF_YAW_FILTERS] = signs[CORRELATION] = -1.0
-    return signs
-
-
-# Signs of the inputs under a left-right reflection.
-MIRROR = _mirror()
 
 
 @dataclass(frozen=True)
@@ -77,10 +62,8 @@ class WalkerInputs:
         network: Inputs of the networks, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
         places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres.
-        line_m_s: Velocity of the line, shape (3,).
         on_foot: Weight of the networks, 0 to 1: 0 at a first frame and at speeds of running or riding, 1 at walking
             speeds and at rest, a ramp between.
-        precise: Weight of the networks for precise trackers, 0 to 1, from the measured or stated error.
     """
 
     time_s: float
@@ -91,15 +74,13 @@ class WalkerInputs:
     network: FloatArray
     spread: FloatArray
     places_m: FloatArray
-    line_m_s: FloatArray
     on_foot: float
-    precise: float
 
 
 # Parts of the state: filters, means and yaws of the bank; sums of unit vectors and weights of the yaws, for a circular
-# mean; age of the track, and frame rate in units of 30 Hz; white noise.
-_PARTS = (bank.SIZES["filter"] * bank.N_FILTERS, bank.SIZES["mean"] * bank.N_MEANS, bank.SIZES["yaw"] * 2, 6, 2)
-_WHITE = slice(sum(_PARTS), sum(_PARTS) + WHITE_AT_START.size)
+# mean; age of the track, frame rate in units of 30 Hz, and time of the last frame; white noise.
+_PARTS = (bank.SIZES["filter"] * bank.N_FILTERS, bank.SIZES["mean"] * bank.N_MEANS, bank.SIZES["yaw"] * 2, 6, 3)
+_WHITE = slice(sum(_PARTS), sum(_PARTS) + bank.WHITE_AT_START.size)
 
 
 class WalkerHistory:
@@ -107,11 +88,10 @@ class WalkerHistory:
 
     def __init__(self) -> None:
         self._state: FloatArray | None = None
-        self._last_s = 0.0
 
     def white_noise_m2(self) -> FloatArray:
         """Estimated covariance of a position's white error, shape (3, 3), square metres."""
-        return white_noise_m2(WHITE_AT_START if self._state is None else self._state[_WHITE])
+        return bank.white_noise_m2(bank.WHITE_AT_START if self._state is None else self._state[_WHITE])
 
     def add(self, observation: HeadObservation, line: FloatArray, covariance_m2: FloatArray) -> WalkerInputs:
         """Update with an observation and compute the inputs.
@@ -119,28 +99,22 @@ class WalkerHistory:
         Args:
             observation: The observation, newer than all before it.
             line: Position and velocity of the line's filter at the newest capture time, shape (6,), metres and m/s.
-            covariance_m2: Covariance of the observed position, shape (3, 3), square metres.
+            covariance_m2: Covariance of the observed position, stated or estimated, shape (3, 3), square metres.
 
         Returns:
             The inputs at its capture time.
         """
         now_s, position_m = observation.capture_time_s, observation.head_position_base_m
         if self._state is None:
-            self._state = np.concatenate([bank.at_start(position_m), np.zeros(7), [1.0], WHITE_AT_START])
-            self._last_s = now_s - bank.USUAL_S
+            clock = [0.0, 1.0, now_s - bank.USUAL_S]
+            self._state = np.concatenate([bank.at_start(position_m), np.zeros(6), clock, bank.WHITE_AT_START])
         is_stated = observation.position_covariance_m2 is not None
         quats = observation.pelvis_quat_wxyz, observation.head_quat_wxyz
         yaws = [(0.0, 0.0) if quat is None else (yaw_rad(quat), 1.0) for quat in quats]
-        scalars = [now_s - self._last_s, is_stated, *yaws[0], *yaws[1]]
-        seen = np.concatenate([position_m, covariance_m2.ravel(), line, scalars])
+        seen = np.concatenate([position_m, covariance_m2.ravel(), line, [now_s, is_stated], *yaws])
         self._state, network, spread, places_m, frame = _STEP(self._state, seen)
-        self._last_s = now_s
-        stated_m2 = covariance_m2 if is_stated else _NOT_STATED_M2
-        inputs = stated_m2, network, spread, places_m.reshape(N_PLACES, 3), frame[9:12]
-        return WalkerInputs(now_s, line[:3], line[3:], frame[:9].reshape(3, 3), *inputs, *frame[12:].tolist())
-
-
-_NOT_STATED_M2 = np.zeros((3, 3))
+        inputs = is_stated * covariance_m2, network, spread, places_m.reshape(N_PLACES, 3), float(frame[9])
+        return WalkerInputs(now_s, line[:3], line[3:], frame[:9].reshape(3, 3), *inputs)
 
 
 @cache
@@ -149,7 +123,7 @@ def _step() -> ca.Function:
     state, seen = ca.SX.sym("state", _WHITE.stop), ca.SX.sym("seen", 24)
     filters, means, yaws, mountings, clock, white = ca.vertsplit(state, [0, *np.cumsum(_PARTS), _WHITE.stop])
     position_m, noise_m2, origin_m, velocity_m_s = (seen[rows] for rows in np.split(np.arange(18), [3, 12, 15]))
-    dt_s, is_stated, of_yaws = seen[18], seen[19], seen[20:]
+    now_s, is_stated, of_yaws = seen[18], seen[19], seen[20:]
     noise_m2 = ca.reshape(noise_m2, 3, 3)
     speed_m_s = ca.norm_2(velocity_m_s[:2])
     heading_rad = ca.atan2(velocity_m_s[1], velocity_m_s[0])
@@ -157,7 +131,8 @@ def _step() -> ca.Function:
     to_line = ca.blockcat([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     walks = bank.ramp(speed_m_s, *_WALKS_M_S)
 
-    age_s, rate = ca.vertsplit(clock)
+    age_s, rate, last_s = ca.vertsplit(clock)
+    dt_s = now_s - last_s
     filters = bank.filtered(ca.reshape(filters, -1, bank.N_FILTERS), position_m, noise_m2, dt_s, age_s, to_line)
     means = bank.averaged(ca.reshape(means, -1, bank.N_MEANS), position_m, dt_s, age_s)
     rate += (bank.USUAL_S - rate * dt_s) / (ca.fmin(age_s, 1.0) + dt_s)
@@ -165,9 +140,9 @@ def _step() -> ca.Function:
     followed = [_follow(i, *each, dt_s, age_s, heading_rad, walks) for i, each in enumerate(zip(*split, strict=True))]
     new_yaws, new_mountings, known, angles_rad = zip(*followed, strict=True)
     # The time before the first frame counts as an interval for the rates, but not for the noise.
-    new_white = white_noise(white, position_m, ca.if_else(age_s > 0.0, dt_s, NEVER_S))
+    new_white = bank.white_noise(white, position_m, ca.if_else(age_s > 0.0, dt_s, bank.NEVER_S))
     age_s += dt_s
-    new_state = ca.vertcat(ca.vec(filters), ca.vec(means), *new_yaws, *new_mountings, age_s, rate, new_white)
+    new_state = ca.vertcat(ca.vec(filters), ca.vec(means), *new_yaws, *new_mountings, age_s, rate, now_s, new_white)
 
     apart_m, off_m_s = to_line @ (filters[:3, :] - origin_m), to_line @ (filters[3:6, :] - velocity_m_s)
     means_m = to_line @ (means[:3, :] - origin_m)
@@ -184,11 +159,8 @@ def _step() -> ca.Function:
         noise_m2[0, 1] / (sd_m[0] * sd_m[1]),
         (speed_m_s - _USUAL_SPEED_M_S) / _SPEED_SCALE_M_S,
         of_age,
-        ca.fmin(age_s / _FIRST_S, 1.0),
-        walks,
         *known,
         ca.log(ca.fmax(sd_m / NOISE_SCALE_M, _SMALLEST_NOISE)),
-        is_stated,
         frames,
     )
     # The stated covariance enters the forecast's covariance separately, with its principal axes.
@@ -206,10 +178,8 @@ def _step() -> ca.Function:
         is_stated,
         ca.vec(errors - of_stated),
     )
-    innovation_m = bank.INNOVATION_M * ca.sqrt(0.5 * (filters[-3, 0] + filters[-2, 0]))
-    precise = _precision(ca.diag(noise_m2), ca.if_else(is_stated, 1.0, white[SHARE]), innovation_m)
     on_foot = ca.if_else(speed_m_s > _NO_DIRECTION_M_S, 1.0 - bank.ramp(speed_m_s, *_RUNS_M_S), 0.0)
-    frame = ca.vertcat(ca.vec(to_line), speed_m_s, 0.0, velocity_m_s[2], on_foot, precise)
+    frame = ca.vertcat(ca.vec(to_line), on_foot)
     network = ca.fmin(ca.fmax(network, -_LARGEST), _LARGEST)
     places_m = ca.vec(ca.horzcat(apart_m, means_m))
     return ca.Function("step", [state, seen], [new_state, network, spread, places_m, frame])
@@ -228,18 +198,7 @@ def _follow(
     newest_rad = bank.wrap(relative_rad - share * mean_rad)
     known = 1.0 - bank.ramp(ca.fabs(newest_rad), *_NOT_FORWARD_RAD)
     known *= 1.0 - bank.ramp(yaw[1], *_YAW_FADES_S)
-    return yaw, mounting, known, walks * known * ca.vertcat(newest_rad + yaw[2:-2], yaw[-2:])
+    return yaw, mounting, known, walks * known * (newest_rad + yaw[2:])
 
 
-def _precision(noise_m2: ca.SX, measured: ca.SX, innovation_m: ca.SX) -> ca.SX:
-    """Weight of the networks for precise trackers, from a white error of which a share is measured."""
-    white_m2 = (noise_m2 - (1.0 - measured) * PRIOR_M**2) / measured
-    x_m2, y_m2, z_m2 = ca.vertsplit(ca.fmax(white_m2, _ROUNDING_M2))
-    weight = 1.0 - bank.ramp((x_m2 * y_m2 * z_m2) ** (1.0 / 6.0), *_PRECISE_WHITE_M)
-    weight *= 1.0 - bank.ramp(innovation_m, *_PRECISE_INNOVATION_M)
-    # The white error is not measured below 15 frames a second; there the networks for precise trackers have 25 % more
-    # error (`reference` at 10 Hz).
-    return ca.if_else(measured > 0.0, weight, 0.0)
-
-
-_STEP = Compiled(_step)
+_STEP = bank.Compiled(_step)

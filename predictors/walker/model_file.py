@@ -14,7 +14,7 @@ import numpy as np
 from predictors.walker.network import Ensemble, WalkerModel, WalkerModelError
 
 SHIPPED = Path(__file__).with_name("walker.npz")
-_ENSEMBLES = ("seeing", "blind", "precise")
+_ENSEMBLES = ("seeing", "blind")
 _WHOLE = ("log_spread", "hidden", "log_spread_hidden", "noise_share", "decision", "degrees_of_freedom")
 
 
@@ -27,9 +27,7 @@ def save_walker_model(model: WalkerModel, path: Path | IO[bytes]) -> None:
     """
     arrays: dict[str, Any] = {name: getattr(model, name) for name in _WHOLE} | {"about": json.dumps(model.about)}
     for name in _ENSEMBLES:
-        ensemble = getattr(model, name)
-        for what in ("weights", "biases"):
-            layers = getattr(ensemble, what)
+        for what, layers in vars(getattr(model, name)).items():
             arrays |= {f"{name}_{what}_{i}": layer.astype(np.float32) for i, layer in enumerate(layers)}
     np.savez_compressed(path, **arrays)
 
@@ -49,19 +47,14 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
     try:
         with np.load(path, allow_pickle=False) as data:
             layers = range(sum(name.startswith("seeing_weights_") for name in data.files))
-            about = json.loads(str(data["about"]))
-            if not isinstance(about, dict):
-                raise WalkerModelError("'about' is no mapping")
-            ensembles: dict[str, Any] = {
-                name: Ensemble(*(tuple(data[f"{name}_{what}_{i}"] for i in layers) for what in ("weights", "biases")))
+            seeing, blind = (
+                Ensemble(*(tuple(data[f"{name}_{what}_{i}"] for i in layers) for what in ("weights", "biases")))
                 for name in _ENSEMBLES
-            }
-            whole: dict[str, Any] = {name: data[name] for name in _WHOLE}
-            slope, threshold = whole.pop("decision").tolist()
-            freedom = float(whole.pop("degrees_of_freedom"))
-            return WalkerModel(
-                **ensembles, **whole, decision=(slope, threshold), degrees_of_freedom=freedom, about=about
             )
+            whole: dict[str, Any] = {name: data[name] for name in _WHOLE}
+            decision, freedom = tuple(data["decision"].tolist()), float(data["degrees_of_freedom"])
+            whole |= {"decision": decision, "degrees_of_freedom": freedom}
+            return WalkerModel(seeing, blind, **whole, about=dict(json.loads(str(data["about"]))))
     except OSError as error:
         raise WalkerModelError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (KeyError, IndexError, TypeError, ValueError, zipfile.BadZipFile, zlib.error, EOFError) as error:
@@ -72,25 +65,3 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
 def shipped_walker_model() -> WalkerModel:
     """The shipped model, loaded once a process."""
     return load_walker_model()
-
-
-def model_file(fitted: Path, person: str) -> Path:
-    """Path of the fitted model for a person, out-of-sample if possible.
-
-    Args:
-        fitted: A model file, or an output folder of `python -m experiments.fit`.
-        person: Subject of the recording.
-
-    Returns:
-        `fitted` if it is a file; else the model fitted without this person, or the one fitted on all people.
-
-    Raises:
-        WalkerModelError: If the folder has no model.
-    """
-    if not fitted.is_dir():
-        return fitted
-    left_out = fitted / "left_out" / f"{person}.npz"
-    path = left_out if left_out.is_file() else fitted / "walker.npz"
-    if not path.is_file():
-        raise WalkerModelError(f"{fitted}: no walker.npz in this folder; accepted: a folder that experiments.fit wrote")
-    return path

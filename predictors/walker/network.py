@@ -1,19 +1,21 @@
-"""The model of `Walker`: ensembles of networks for the departure from a line, and the scale of the forecast errors."""
+"""The model of `Walker`: ensembles of networks, departures at and between the knots, and the scale of the errors."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial, reduce
+from functools import cache, partial, reduce
+from itertools import count, pairwise
 from operator import add
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PPoly
 
 from predictors.types import FloatArray
-from predictors.walker.compiled import Compiled
+from predictors.walker.bank import Compiled
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
 
 Float32Array = NDArray[np.float32]
@@ -33,6 +35,10 @@ _LOG_SPREAD_RANGE = (math.log(0.002), math.log(5.0))  # metres
 DEPARTURES = slice(0, 3 * KNOTS_S.size)
 WALKS, PLACES = DEPARTURES.stop, slice(DEPARTURES.stop + 1, DEPARTURES.stop + 1 + N_PLACES)
 N_OUTPUTS = PLACES.stop
+# Factors of the inputs for a track and its mirror image, and of their outputs, to metres.
+_BOTH_SIDES, _OF_BOTH_SIDES = np.stack([np.ones(N_INPUTS), MIRROR]), np.ones((2, N_OUTPUTS))
+_OF_BOTH_SIDES[:, DEPARTURES] = np.repeat(DEPARTURE_SCALE_M, 3)
+_OF_BOTH_SIDES[1, 1 : DEPARTURES.stop : 3] *= -1.0
 # Features of the uncertainty model: N_SPREAD inputs; size of the departure across at 0.5 s, across and along at 1 s;
 # standard deviation over the ensemble; distance between walking and staying; probability of walking.
 N_DOUBT = N_SPREAD + 6
@@ -43,6 +49,11 @@ _USUAL_DISAGREEMENT_M = 0.02
 
 class WalkerModelError(ValueError):
     """A file or its parameters are not a valid model of `Walker`."""
+
+
+def _check(array: NDArray[Any], name: str, shape: tuple[int, ...]) -> None:
+    if array.shape != shape or not np.isfinite(array).all():
+        raise WalkerModelError(f"{name}: an array of shape {array.shape}, expected finite numbers of shape {shape}")
 
 
 @dataclass(frozen=True)
@@ -63,32 +74,10 @@ class Ensemble:
     def __post_init__(self) -> None:
         if not self.weights or len(self.weights) != len(self.biases):
             raise WalkerModelError("a network needs one bias a layer")
-        ensemble = self.weights[0].shape[0] if self.weights[0].ndim else 0
-        n = N_INPUTS
-        for w, b in zip(self.weights, self.biases, strict=True):
-            if w.ndim != 3 or w.shape[:2] != (ensemble, n) or b.shape != (ensemble, 1, w.shape[2]):
-                raise WalkerModelError(f"layer of shape {w.shape} with bias {b.shape} does not take {n} inputs")
-            n = w.shape[2]
-        if n != N_OUTPUTS:
-            raise WalkerModelError(f"{n} outputs, expected {N_OUTPUTS}")
-        if not all(np.isfinite(a).all() for a in (*self.weights, *self.biases)):
-            raise WalkerModelError("a number is not finite")
-
-    @cached_property
-    def _layers(self) -> tuple[list[Float32Array], list[Float32Array]]:
-        """Weights and biases of the networks and of their mirror images, with outputs in metres.
-
-        The first layers share their inputs: they are one matrix, most of the computation.
-        """
-        weights, biases = ([np.concatenate([each, each]) for each in layers] for layers in (self.weights, self.biases))
-        mirrored = slice(len(self.weights[0]), None)
-        scales = np.ones((len(weights[0]), 1, N_OUTPUTS), dtype=np.float32)
-        scales[..., DEPARTURES] = np.repeat(DEPARTURE_SCALE_M, 3)
-        scales[mirrored, :, 1 : DEPARTURES.stop : 3] *= -1.0
-        weights[-1], biases[-1] = weights[-1] * scales, biases[-1] * scales
-        weights[0][mirrored] *= MIRROR[:, None]
-        weights[0] = np.concatenate(list(weights[0]), axis=1)
-        return weights, biases
+        networks, sizes = len(self.weights[0]), [N_INPUTS, *(b.shape[-1] for b in self.biases[:-1]), N_OUTPUTS]
+        for layer, w, b, (rows, columns) in zip(count(1), self.weights, self.biases, pairwise(sizes)):
+            _check(w, f"weights of layer {layer}", (networks, rows, columns))
+            _check(b, f"biases of layer {layer}", (networks, 1, columns))
 
     def __call__(self, network: FloatArray) -> FloatArray:
         """Outputs of all networks for an input and for its mirror image.
@@ -99,11 +88,10 @@ class Ensemble:
         Returns:
             Shape (2 E, N_OUTPUTS): departures in metres along, across and up, logits.
         """
-        weights, biases = self._layers
-        h = (network.astype(np.float32) @ weights[0]).reshape(biases[0].shape) + biases[0]
-        for w, b in zip(weights[1:], biases[1:], strict=True):
+        h = (_BOTH_SIDES * network).astype(np.float32) @ self.weights[0] + self.biases[0]
+        for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
             h = np.tanh(h) @ w + b
-        return h[:, 0].astype(np.float64)
+        return (h * _OF_BOTH_SIDES).reshape(-1, N_OUTPUTS)
 
 
 @dataclass(frozen=True)
@@ -113,7 +101,6 @@ class WalkerModel:
     Attributes:
         seeing: Networks for tracks with an orientation.
         blind: Networks for tracks without orientation.
-        precise: Networks for tracks with an orientation and a small error.
         log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
             (N_DOUBT, knots, 3), without the stated error of the observation.
         hidden: Weights of the tanh units of the logarithm's nonlinear part, shape (N_DOUBT, units).
@@ -133,7 +120,6 @@ class WalkerModel:
 
     seeing: Ensemble
     blind: Ensemble
-    precise: Ensemble
     log_spread: FloatArray
     hidden: FloatArray = field(default_factory=lambda: np.zeros((N_DOUBT, 0)))
     log_spread_hidden: FloatArray = field(default_factory=lambda: np.zeros((0, KNOTS_S.size, 3)))
@@ -143,41 +129,32 @@ class WalkerModel:
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len({len(ensemble.weights[0]) for ensemble in (self.seeing, self.blind, self.precise)}) > 1:
+        if len(self.seeing.weights[0]) != len(self.blind.weights[0]):
             raise WalkerModelError("the ensembles have different numbers of networks")
         knots, units = KNOTS_S.size, self.hidden.shape[-1]
-        sizes = {
-            "log_spread": (N_DOUBT, knots, 3),
-            "hidden": (N_DOUBT, units),
-            "log_spread_hidden": (units, knots, 3),
-            "noise_share": (knots,),
-        }
-        parts = {name: getattr(self, name) for name in sizes}
-        if {name: part.shape for name, part in parts.items()} != sizes:
-            raise WalkerModelError(f"the shapes of {', '.join(sizes)} do not fit {knots} knots")
-        if not all(np.isfinite(a).all() for a in parts.values()):
-            raise WalkerModelError("a number is not finite")
+        _check(self.log_spread, "log_spread", (N_DOUBT, knots, 3))
+        _check(self.hidden, "hidden", (N_DOUBT, units))
+        _check(self.log_spread_hidden, "log_spread_hidden", (units, knots, 3))
+        _check(self.noise_share, "noise_share", (knots,))
         if not (len(self.decision) == 2 and 0.0 < self.decision[0] < math.inf and math.isfinite(self.decision[1])):
             raise WalkerModelError(f"decision is {self.decision}, expected a positive slope and a threshold")
         if not self.degrees_of_freedom > 2.0:  # below, a t distribution has no covariance
             raise WalkerModelError(f"degrees_of_freedom is {self.degrees_of_freedom}, expected more than 2")
 
-    def outputs(self, network: FloatArray, precise: float) -> FloatArray:
+    def outputs(self, network: FloatArray) -> FloatArray:
         """Outputs of the networks.
 
-        Each input is evaluated with its mirror image, so the model is symmetric in left and right. Separate ensembles
-        serve tracks without orientation and precise trackers; their outputs are blended by the weights of orientation
-        and precision.
+        Each input is evaluated with its mirror image, so the model is symmetric in left and right. A separate ensemble
+        serves tracks without orientation; the outputs of both are blended by the weight of orientation.
 
         Args:
             network: Inputs of the networks, shape (N_INPUTS,).
-            precise: Weight of precise trackers, 0 to 1.
 
         Returns:
             Shape (2 E, N_OUTPUTS), as `Ensemble` returns them.
         """
         seen = max(network[KNOWN].tolist())
-        shares = (self.seeing, seen * (1.0 - precise)), (self.blind, 1.0 - seen), (self.precise, seen * precise)
+        shares = (self.seeing, seen), (self.blind, 1.0 - seen)
         return reduce(add, (share * ensemble(network) for ensemble, share in shares if share > 0.0))
 
     def answer(
@@ -216,12 +193,10 @@ class WalkerModel:
         """
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         log_spread += np.tanh(doubt @ self.hidden) @ self.log_spread_hidden.reshape(-1, 3 * KNOTS_S.size)
-        bounded = np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])
-        spread = np.empty((KNOTS_S.size, 4))
-        np.exp(bounded.reshape(-1, 3), out=spread[:, :3])
-        spread[:, 3] = self.noise_share
-        spread /= math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)  # this form also holds for a normal distribution
-        return spread
+        own_m = np.exp(np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])).reshape(-1, 3)
+        # This form of the factor also holds for a normal distribution.
+        factor = 1.0 / math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)
+        return factor * np.concatenate([own_m, self.noise_share[:, None]], axis=1)
 
 
 def log_odds_of(outputs: FloatArray) -> float:
@@ -263,3 +238,43 @@ def _mixture_of(networks: int) -> ca.Function:
         reduce(add, probabilities) / networks,
     )
     return ca.Function("mixture", [flat, track], [ca.vec(departure_m), doubt])
+
+
+# Growth exponent of the error beyond the last knot: the velocity as a random walk.
+_GROWTH = 1.5
+# Polynomial coefficients of each interval, and of the one after the last knot, as linear functions of the values at the
+# knots, shape (4, knots, knots): cubic spline with a linear continuation, and linear interpolation.
+_SPLINE, _LINEAR = np.zeros((2, 4, KNOTS_S.size, KNOTS_S.size))
+_SPLINE[:, :-1] = CubicSpline(KNOTS_S, np.eye(KNOTS_S.size)).c
+_LINEAR[2, :-1] = np.diff(np.eye(KNOTS_S.size), axis=0) / np.diff(KNOTS_S)[:, None]
+_SPLINE[3, -1], _LINEAR[3] = np.eye(KNOTS_S.size)[-1], np.eye(KNOTS_S.size)
+_SPLINE[2, -1] = np.diff(KNOTS_S)[-1] ** np.arange(2, -1, -1) @ _SPLINE[:3, -2]
+_BREAKS_S = np.append(KNOTS_S, np.inf)
+
+
+class BetweenKnots:
+    """Departures and standard deviations at any horizon.
+
+    Args:
+        departure_m: Departures at the knots, shape (knots, 3).
+        spread_m: Standard deviations at the knots, shape (knots, columns), as from `WalkerModel.spread_m`.
+    """
+
+    def __init__(self, departure_m: FloatArray, spread_m: FloatArray) -> None:
+        self._departure = PPoly.construct_fast(_SPLINE @ departure_m, _BREAKS_S)
+        self._spread = PPoly.construct_fast(_LINEAR @ np.maximum.accumulate(spread_m, axis=0), _BREAKS_S)
+
+    def __call__(self, tau_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Interpolate at the given horizons.
+
+        Args:
+            tau_s: Horizons, shape (H,), seconds.
+
+        Returns:
+            Departures, shape (H, 3): cubic spline between the knots, constant before the first, linear after the last.
+            Standard deviations, shape (H, columns): linear between the knots, nondecreasing in the horizon, growing
+            with its power 1.5 after the last; symmetric in past and future.
+        """
+        away_s = np.abs(tau_s)
+        growth = np.maximum(away_s / KNOTS_S[-1], 1.0) ** _GROWTH
+        return self._departure(np.maximum(tau_s, 0.0)), self._spread(away_s) * growth[:, None]

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 from predictors.constant_velocity import ConstantVelocity
 from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
-from predictors.walker.between import BetweenKnots
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.model_file import shipped_walker_model
-from predictors.walker.network import WalkerModel, log_odds_of
-from predictors.walker.noise import MeasuredRange
+from predictors.walker.network import BetweenKnots, WalkerModel, log_odds_of
+from predictors.walker.range_error import MeasuredRange
 
 # Gait (sway and bob) is measurement noise of the line's filter: variance on each axis.
 _GAIT_M2 = 0.02**2 * np.eye(3)
@@ -55,19 +54,19 @@ class Walker:
         self._position = ConstantVelocity()
         self.reset()
 
-    def _reset_track(self) -> None:
-        self._history = WalkerHistory()
-        self._inputs: WalkerInputs | None = None
-        self._outputs: FloatArray | None = None
-        self._log_odds = _PRIOR_LOG_ODDS
-        self._knots: BetweenKnots | None = None
-
     def reset(self) -> None:
         """Return to the initial state."""
         self._position.reset()
         self._recent: deque[HeadObservation] = deque(maxlen=_AGAIN_FRAMES)
         self._range, self._largest_m2 = MeasuredRange(), 0.0
         self._reset_track()
+
+    def _reset_track(self) -> None:
+        self._history = WalkerHistory()
+        self._inputs: WalkerInputs | None = None
+        self._outputs: FloatArray | None = None
+        self._log_odds = _PRIOR_LOG_ODDS
+        self._knots: BetweenKnots | None = None
 
     @property
     def rejections_in_a_row(self) -> int:
@@ -81,25 +80,21 @@ class Walker:
         if observation.position_covariance_m2 is None:
             self._range.learn(observation)
         range_m2 = self._range.variance_m2
-        if range_m2 > _WORSE_M2 + _WORSE_TIMES2 * self._largest_m2:
-            # The earlier frames were filtered with a range variance that was too small.
+        again = range_m2 > _WORSE_M2 + _WORSE_TIMES2 * self._largest_m2
+        if again:  # the earlier frames were filtered with a range variance that was too small
             self._position.reset()
             self._reset_track()
-            for earlier in list(self._recent)[:-1]:
-                self._process(earlier)
         self._largest_m2 = max(self._largest_m2, range_m2)
-        self._process(observation)
+        for each in list(self._recent) if again else [observation]:
+            self._process(each)
 
-    def _measured_m2(self, observation: HeadObservation) -> FloatArray:
-        """Estimated covariance of the observed position, for trackers that do not state it."""
-        measured_m2 = self._history.white_noise_m2()
-        if observation.position_covariance_m2 is None:
-            measured_m2 = measured_m2 + self._range.covariance_m2(observation.head_position_base_m)
-        return measured_m2
+    def _estimated_m2(self, observation: HeadObservation) -> FloatArray:
+        """Covariance of the observed position, for trackers that do not state it."""
+        return self._history.white_noise_m2() + self._range.covariance_m2(observation.head_position_base_m)
 
     def _process(self, observation: HeadObservation) -> None:
         started_at_s = self._position.started_at_s
-        self._position.update_with(observation, self._measured_m2(observation), _GAIT_M2)
+        self._position.update_with(observation, self._estimated_m2(observation), _GAIT_M2)
         taken = self._position.accepted
         if not taken:
             return
@@ -108,10 +103,10 @@ class Walker:
         _, state, _ = self._position.state()
         last_s = taken[0].capture_time_s if self._inputs is None else self._inputs.time_s
         for each in taken:  # several if a candidate has become the track
-            inputs = self._history.add(each, state, noise_m2(each, self._measured_m2(each)))
+            inputs = self._history.add(each, state, noise_m2(each, self._estimated_m2(each)))
         self._inputs, self._knots = inputs, None
         if inputs.on_foot > 0.0:  # the line has no direction at a first frame
-            self._outputs = self._model.outputs(inputs.network, inputs.precise)
+            self._outputs = self._model.outputs(inputs.network)
             gain = -math.expm1((last_s - inputs.time_s) / _LOG_ODDS_S)
             self._log_odds += gain * (log_odds_of(self._outputs) - self._log_odds)
 
@@ -140,15 +135,14 @@ class Walker:
         times = as_times(times_s)
         if self._knots is None:
             assert self._outputs is not None
-            of_track = inputs.spread, inputs.line_m_s, inputs.places_m
+            of_track = inputs.spread, inputs.velocity_base_m_s @ inputs.to_base, inputs.places_m
             departure_m, doubt = self._model.answer(self._outputs, self._log_odds, *of_track)
-            to_base = inputs.to_base
-            # Outer products of the line's axes; weighted by the variances along them they sum to the covariance.
-            self._squares = np.empty((4, 9))
-            self._squares[:3] = (to_base.T[:, :, None] * to_base.T[:, None, :]).reshape(3, 9)
-            # The stated covariance keeps its principal axes, such as a camera's line of sight.
-            self._squares[3] = inputs.stated_m2.reshape(9)
-            self._knots = BetweenKnots(departure_m @ to_base.T, self._model.spread_m(doubt))
+            axes = inputs.to_base.T
+            # Outer products of the line's axes, weighted by the variances along them, sum to the covariance. The stated
+            # one keeps its principal axes, such as a camera's line of sight.
+            squares = (axes[:, :, None] * axes[:, None, :]).reshape(3, 9), inputs.stated_m2.reshape(1, 9)
+            self._squares = np.concatenate(squares)
+            self._knots = BetweenKnots(departure_m @ axes, self._model.spread_m(doubt))
         tau = times - inputs.time_s
         departure, spread = self._knots(tau)
         means = tau[:, None] * inputs.velocity_base_m_s

@@ -20,4 +20,4 @@ def toy(n, seed):
     still, nowhere = np.zeros((n, 3), dtype=np.float32), np.zeros((n, N_PLACES, 3), dtype=np.float32)
     ones = np.ones(n, dtype=np.float32)
     spread = np.ones((n, N_SPREAD), dtype=np.float32)
-    return Examples(x, spread, noise_m, y, ones, still, nowhere, np.zeros(n, dtype=np.float32))
+    return Examples(x, spread, noise_m, y, ones, still, nowhere)

@@ -29,7 +29,7 @@ def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
         biases = tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
         return Ensemble(weights, biases)
 
-    ensembles = layers(), layers(), layers()
+    ensembles = layers(), layers()
     log_spread = 0.1 * size * rng.standard_normal((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(0.05) + np.linspace(0.0, 1.0, KNOTS_S.size)[:, None]
     noise_share = np.linspace(0.5, 0.8, KNOTS_S.size)
@@ -47,7 +47,7 @@ def straight_model(spread_m=0.1, degrees_of_freedom=5.0, stated_share=0.0):
     log_spread = np.zeros((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(spread_m)
     return WalkerModel(
-        *3 * (NOTHING,),
+        *2 * (NOTHING,),
         log_spread,
         noise_share=np.full(KNOTS_S.size, stated_share),
         degrees_of_freedom=degrees_of_freedom,

@@ -29,7 +29,7 @@ def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     hidden[OF_YAWS] = True
     assert not weights[0][:, hidden].any()
     assert weights[0][:, ~hidden].any(axis=2).all()
-    model = WalkerModel(*3 * (Ensemble(weights, biases),), straight_model().log_spread)
+    model = WalkerModel(*2 * (Ensemble(weights, biases),), straight_model().log_spread)
     error = Found.by(model, other).error_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.5 * np.mean(np.abs(other.departure_m[known, 4, 1]))

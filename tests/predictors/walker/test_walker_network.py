@@ -10,13 +10,20 @@ from builders.walkers import NOTHING, random_model
 from scipy.interpolate import CubicSpline
 
 from gazempc.errors import SettingsError
-from gazempc.loop.build import Person, make_predictor
+from gazempc.loop.build import Person, make_predictor, walker_model
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
-from predictors.walker.between import BetweenKnots
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
-from predictors.walker.model_file import load_walker_model, model_file, save_walker_model
-from predictors.walker.network import DEPARTURE_SCALE_M, KNOTS_S, N_DOUBT, N_OUTPUTS, WalkerModelError, log_odds_of
+from predictors.walker.model_file import load_walker_model, save_walker_model
+from predictors.walker.network import (
+    DEPARTURE_SCALE_M,
+    KNOTS_S,
+    N_DOUBT,
+    N_OUTPUTS,
+    BetweenKnots,
+    WalkerModelError,
+    log_odds_of,
+)
 
 
 def layers(ensemble, inputs):
@@ -44,18 +51,10 @@ def motion_of(outputs, line_m_s, places_m):
     return departures, at_m - KNOTS_S[:, None] * line_m_s, outputs[:, k]
 
 
-@pytest.mark.parametrize(
-    ("ensemble", "known", "precise"),
-    [
-        ("seeing", (1.0, 1.0), 0.0),
-        ("seeing", (0.0, 1.0), 0.0),
-        ("blind", (0.0, 0.0), 1.0),
-        ("precise", (1.0, 0.5), 1.0),
-    ],
-)
+@pytest.mark.parametrize(("ensemble", "known"), [("seeing", (1.0, 1.0)), ("seeing", (0.0, 1.0)), ("blind", (0.0, 0.0))])
 @pytest.mark.parametrize("log_odds", [None, 0.7])
-def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble, known, precise, log_odds):
-    """With the networks for tracks with orientation, without, or for precise trackers."""
+def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble, known, log_odds):
+    """With the networks for tracks with orientation, or without."""
     rng, model = np.random.default_rng(3), dataclasses.replace(random_model(), decision=(1.5, 0.3))
     x, spread = rng.standard_normal(N_INPUTS), rng.standard_normal(N_SPREAD)
     x[KNOWN], line_m_s, places_m = known, rng.standard_normal(3), 0.1 * rng.standard_normal((N_PLACES, 3))
@@ -63,7 +62,7 @@ def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble,
     turned = motion_of(layers(getattr(model, ensemble), x * MIRROR), line_m_s * [1, -1, 1], places_m * [1, -1, 1])
     mirrored = turned[0] * [1, -1, 1], turned[1] * [1, -1, 1], turned[2]
     walk, stay, logit = (np.concatenate(pair) for pair in zip(own, mirrored, strict=True))
-    outputs = model.outputs(x, precise)
+    outputs = model.outputs(x)
     assert log_odds_of(outputs) == pytest.approx(logit.mean(), abs=1e-6)
     if log_odds is not None:
         logit = logit - logit.mean() + log_odds
@@ -84,11 +83,10 @@ def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble,
     np.testing.assert_allclose(doubt[-1], walks.mean(), atol=1e-6)
 
 
-def test_outputs_are_blended_by_the_weights_of_orientation_and_precision():
+def test_outputs_are_blended_by_the_weight_of_orientation():
     x, model = np.random.default_rng(4).standard_normal(N_INPUTS), random_model()
     x[KNOWN] = 0.25, 0.5
-    expected = 0.5 * (0.75 * model.seeing(x) + 0.25 * model.precise(x)) + 0.5 * model.blind(x)
-    np.testing.assert_allclose(model.outputs(x, 0.25), expected, atol=1e-12)
+    np.testing.assert_allclose(model.outputs(x), 0.5 * model.seeing(x) + 0.5 * model.blind(x), atol=1e-12)
 
 
 @pytest.mark.parametrize("v", [3.0, 5.0, math.inf])
@@ -131,8 +129,8 @@ GOOD = random_model()
     ("change", "message"),
     [
         ({"blind": NOTHING}, "numbers of networks"),
-        ({"hidden": GOOD.hidden[:-1]}, "do not fit"),
-        ({"hidden": GOOD.hidden * np.inf}, "not finite"),
+        ({"hidden": GOOD.hidden[:-1]}, "hidden: an array of shape"),
+        ({"hidden": GOOD.hidden * np.inf}, "expected finite numbers"),
         ({"degrees_of_freedom": 2.0}, "expected more than 2"),
         ({"degrees_of_freedom": math.nan}, "expected more than 2"),
     ],
@@ -145,10 +143,10 @@ def test_invalid_model_values_are_refused(change, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"weights": (GOOD.seeing.weights[0][:, :-1], *GOOD.seeing.weights[1:])}, "does not take"),
-        ({"weights": GOOD.seeing.weights[:-1], "biases": GOOD.seeing.biases[:-1]}, "outputs"),
+        ({"weights": (GOOD.seeing.weights[0][:, :-1], *GOOD.seeing.weights[1:])}, "weights of layer 1"),
+        ({"weights": GOOD.seeing.weights[:-1], "biases": GOOD.seeing.biases[:-1]}, "weights of layer 2"),
         ({"biases": GOOD.seeing.biases[:-1]}, "one bias a layer"),
-        ({"biases": (GOOD.seeing.biases[0] * np.inf, *GOOD.seeing.biases[1:])}, "not finite"),
+        ({"biases": (GOOD.seeing.biases[0] * np.inf, *GOOD.seeing.biases[1:])}, "biases of layer 1: .* finite"),
     ],
 )
 def test_invalid_layers_are_refused(change, message):
@@ -174,7 +172,7 @@ def test_the_shipped_model_states_its_provenance():
     assert "/" not in json.dumps(about["command"])
 
 
-@pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "hidden", "precise_weights_0"])
+@pytest.mark.parametrize("content", [b"", b"no archive", None, "degrees_of_freedom", "hidden", "blind_weights_0"])
 def test_an_invalid_model_file_is_named(tmp_path, content):
     path = tmp_path / "walker.npz"
     if content is None:
@@ -193,10 +191,10 @@ def test_an_invalid_model_file_is_named(tmp_path, content):
 
 def test_a_folder_gives_the_model_fitted_without_the_person(tmp_path):
     (tmp_path / "left_out").mkdir()
-    for name in ("walker.npz", "left_out/ann.npz"):
-        save_walker_model(random_model(), tmp_path / name)
-    assert model_file(tmp_path, "ann") == tmp_path / "left_out" / "ann.npz"
-    assert model_file(tmp_path, "bob") == tmp_path / "walker.npz"
-    assert model_file(tmp_path / "walker.npz", "ann") == tmp_path / "walker.npz"
-    with pytest.raises(WalkerModelError, match=r"experiments\.fit"):
-        model_file(tmp_path / "left_out", "bob")
+    for name in ("walker", "left_out/ann"):
+        save_walker_model(dataclasses.replace(random_model(), about={"name": name}), tmp_path / f"{name}.npz")
+    assert walker_model(tmp_path, "ann").about["name"] == "left_out/ann"
+    assert walker_model(tmp_path, "bob").about["name"] == "walker"
+    assert walker_model(tmp_path / "walker.npz", "ann").about["name"] == "walker"
+    with pytest.raises(SettingsError, match=r"walker\.fitted: .*walker\.npz"):
+        walker_model(tmp_path / "left_out", "bob")

@@ -7,7 +7,7 @@ from builders.walkers import random_covariance, straight_model
 
 from predictors import HeadObservation, Walker
 from predictors.walker.features import WalkerHistory
-from predictors.walker.noise import MeasuredRange
+from predictors.walker.range_error import MeasuredRange
 
 FRAME_S = 1.0 / 30.0
 

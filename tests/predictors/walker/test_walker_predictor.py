@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from predictors import ConstantVelocity, HeadObservation, Walker
-from predictors.walker.between import BetweenKnots
-from predictors.walker.network import log_odds_of
+from predictors.walker.features import LOG_SD
+from predictors.walker.network import BetweenKnots, log_odds_of
 
 GAIT_M2 = 0.02**2 * np.eye(3)
 STATED_M2 = np.diag([0.012, 0.01, 0.008]) ** 2
@@ -111,13 +111,15 @@ def test_blend_is_the_mixture_of_both_forecasts():
         end_s = shown([observation], walker, cv)
         inputs = walker.inputs()
         if inputs.on_foot > 0.0:
-            outputs = model.outputs(inputs.network, inputs.precise)
+            outputs = model.outputs(inputs.network)
             newest = log_odds_of(outputs)
             log_odds = newest + np.exp(-1 / 30 / 0.1) * (log_odds - newest)
     share = inputs.on_foot
     assert 0.2 < share < 0.8
     mixed, plain = walker.forecast([end_s + 0.5]), cv.forecast([end_s + 0.5])
-    departure_m, doubt = model.answer(outputs, log_odds, inputs.spread, inputs.line_m_s, inputs.places_m)
+    departure_m, doubt = model.answer(
+        outputs, log_odds, inputs.spread, inputs.velocity_base_m_s @ inputs.to_base, inputs.places_m
+    )
     departure, sd = BetweenKnots(departure_m, model.spread_m(doubt))(np.array([0.5]))
     turn = inputs.to_base
     own = inputs.origin_base_m + 0.5 * inputs.velocity_base_m_s + turn @ departure[0]
@@ -129,19 +131,19 @@ def test_blend_is_the_mixture_of_both_forecasts():
     np.testing.assert_allclose(mixed.covariances_m2[0], second - np.outer(mean, mean), atol=1e-9)
 
 
-def test_a_noisy_person_after_a_precise_track_is_not_precise():
-    """The tracker's error is estimated for each track."""
-    walker, rng, weights = Walker(random_model()), np.random.default_rng(0), []
+def test_the_noise_of_a_precise_track_is_not_that_of_the_next():
+    """2 mm, then 5 mm: the tracker's error is estimated for each track, from a prior of 10 mm."""
+    walker, rng, noise_m = Walker(random_model()), np.random.default_rng(0), []
     for k in range(60):
         walker.update(HeadObservation(k / 30, np.array([1.2 * k / 30, 0.0, 0.4]), yaw_quat(0.0), yaw_quat(0.0)))
-    assert walker.inputs().precise == 1.0
+    np.testing.assert_allclose(0.01 * np.exp(walker.inputs().network[LOG_SD]), 0.002, rtol=0.5)
     for k in range(60, 120):
         at_m = np.array([-3.0, 3.0 - k / 30, 0.5]) + 0.005 * rng.standard_normal(3)
         walker.update(HeadObservation(k / 30, at_m, yaw_quat(-1.57), yaw_quat(-1.57)))
         if walker.inputs().time_s == k / 30:
-            weights.append(walker.inputs().precise)
-    assert len(weights) >= 30
-    assert max(weights) == 0.0
+            noise_m.append(0.01 * np.exp(walker.inputs().network[LOG_SD]))
+    assert len(noise_m) >= 30
+    assert np.min(noise_m) > 0.003
 
 
 def test_a_track_restarted_elsewhere_has_no_memory():

@@ -303,28 +303,3 @@ def test_a_range_error_of_20_percent_keeps_the_bearing():
     assert np.sqrt(np.mean(stated**2)) < 1.3 * np.sqrt(np.mean(right**2)) + 0.2
     # Without a stated covariance the measured one does as well, within the chance of one walk.
     assert np.sqrt(np.mean(stated**2)) < 1.1 * np.sqrt(np.mean(direction_errors_deg(False, -0.2) ** 2))
-
-
-@pytest.mark.parametrize(
-    ("name", "changes", "least", "most"),
-    [
-        ("perfect", {}, 0.8, 0.95),
-        (
-            "body_tracker",
-            {"position_noise_m": 0.002, "position_wander_m": 0.01, "position_wander_time_s": 0.5},
-            0.995,
-            1.005,
-        ),
-        ("reference", {"rate_hz": 10.0}, 1.0, 1.0),
-    ],
-)
-def test_the_networks_for_precise_trackers_serve_those_only(name, changes, least, most):
-    """Error with the networks for precise trackers as a ratio to that without them."""
-    sensor = load_sensor(name).model_copy(update=changes)
-    usual = dataclasses.replace(shipped_walker_model(), precise=shipped_walker_model().seeing)
-    ours, theirs = (
-        np.nanmean(np.linalg.norm(found.difference_m, axis=-1))
-        for model in (shipped_walker_model(), usual)
-        for found in [forecast_errors(load("subject03_R4"), Walker(model), sensor, np.array([0.5]), 0)]
-    )
-    assert least - 1e-3 <= ours / theirs <= most + 1e-3
