@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import CubicSpline
 
 from predictors.types import FloatArray
 from predictors.walker.bank import Compiled
@@ -249,7 +249,6 @@ _SPLINE[:, :-1] = CubicSpline(KNOTS_S, np.eye(KNOTS_S.size)).c
 _LINEAR[2, :-1] = np.diff(np.eye(KNOTS_S.size), axis=0) / np.diff(KNOTS_S)[:, None]
 _SPLINE[3, -1], _LINEAR[3] = np.eye(KNOTS_S.size)[-1], np.eye(KNOTS_S.size)
 _SPLINE[2, -1] = np.diff(KNOTS_S)[-1] ** np.arange(2, -1, -1) @ _SPLINE[:3, -2]
-_BREAKS_S = np.append(KNOTS_S, np.inf)
 
 
 class BetweenKnots:
@@ -261,8 +260,8 @@ class BetweenKnots:
     """
 
     def __init__(self, departure_m: FloatArray, spread_m: FloatArray) -> None:
-        self._departure = PPoly.construct_fast(_SPLINE @ departure_m, _BREAKS_S)
-        self._spread = PPoly.construct_fast(_LINEAR @ np.maximum.accumulate(spread_m, axis=0), _BREAKS_S)
+        of_spread = _LINEAR @ np.maximum.accumulate(spread_m, axis=0)
+        self._coefficients = np.concatenate([_SPLINE @ departure_m, of_spread], axis=2)
 
     def __call__(self, tau_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Interpolate at the given horizons.
@@ -276,5 +275,8 @@ class BetweenKnots:
             with its power 1.5 after the last; symmetric in past and future.
         """
         away_s = np.abs(tau_s)
-        growth = np.maximum(away_s / KNOTS_S[-1], 1.0) ** _GROWTH
-        return self._departure(np.maximum(tau_s, 0.0)), self._spread(away_s) * growth[:, None]
+        knot = np.searchsorted(KNOTS_S[1:], away_s)
+        h_s, (a, b, c, d) = (away_s - KNOTS_S[knot])[:, None], self._coefficients[:, knot]
+        both = ((a * h_s + b) * h_s + c) * h_s + d
+        growth = np.maximum(away_s / KNOTS_S[-1], 1.0)[:, None] ** _GROWTH
+        return np.where(tau_s[:, None] < 0.0, self._coefficients[3, 0, :3], both[:, :3]), growth * both[:, 3:]

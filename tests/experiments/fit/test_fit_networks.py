@@ -59,7 +59,7 @@ def test_the_shipped_model_has_the_settings_and_the_decision_of_a_fit_by_default
         assert FitSettings.model_fields[name].default == value, name
     layers = {f"weights_{i}": layer for i, layer in enumerate(shipped.seeing.weights)}
     layers |= {f"biases_{i}": layer for i, layer in enumerate(shipped.seeing.biases)}
-    assert model_of([layers] * 3, "").decision == shipped.decision
+    assert model_of([layers] * 2, "").decision == shipped.decision
 
 
 def test_errors_are_weighted_by_the_inverse_covariance():

@@ -40,11 +40,12 @@ def mean_errors(recordings, make, sensor="reference", ahead_s=(0.5,)):
 SYNTHETIC_RATIOS = {
     "reference": (0.54, 0.52, 0.53),
     "face_camera": (0.95, 0.88, 0.78),
+    "perfect": (0.36, 0.38, 0.43),
 }
-# Goals for left-out people: .53 .53 .60 and .70 .62 .65.
-REAL_RATIOS = {"reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
+# Goals for left-out people: .44 .47 .60, .53 .53 .60 and .70 .62 .65.
+REAL_RATIOS = {"perfect": (0.44, 0.47, 0.60), "reference": (0.55, 0.53, 0.62), "body_tracker": (0.82, 0.74, 0.72)}
 # Points by which 68 and 95 % may be missed on walks that are not those of the fit.
-MISSED = (0.10, 0.04)
+MISSED = (0.10, 0.05)
 
 
 @pytest.mark.slow
@@ -88,7 +89,7 @@ def test_a_higher_threshold_delays_the_response_to_a_start():
     shipped = shipped_walker_model()
     observations = [s.observation for s in observe(load("subject03_start"), load_sensor("reference"), 0)]
     first_s = []
-    for threshold in (-1.0, 2.0, 20.0):
+    for threshold in (-1.0, 2.0, 1e3):
         walker = Walker(dataclasses.replace(shipped, decision=(shipped.decision[0], threshold)))
         first_s.append(np.inf)
         for observation in observations:
