@@ -40,7 +40,7 @@ if __name__ == "__main__":
         )
 
 # It prints:
-# early_0.5 gaze  2.37 deg, 0.96 rad/s^2, limit violations: 0
-# early_1.0 gaze  5.72 deg, 1.69 rad/s^2, limit violations: 0
-# lookahead gaze  1.33 deg, 0.83 rad/s^2, limit violations: 0
-# mpc       gaze  1.32 deg, 0.75 rad/s^2, limit violations: 0
+# early_0.5 gaze  2.38 deg, 0.87 rad/s^2, limit violations: 0
+# early_1.0 gaze  5.72 deg, 1.73 rad/s^2, limit violations: 0
+# lookahead gaze  1.31 deg, 0.79 rad/s^2, limit violations: 0
+# mpc       gaze  1.34 deg, 0.70 rad/s^2, limit violations: 0

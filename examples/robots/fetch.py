@@ -17,4 +17,4 @@ for controller in ("reactive", "mpc"):
 # It prints:
 # dead time 0.1 s, lag 0.15 s
 # reactive  6.96 deg, eye contact  28%
-# mpc       0.55 deg, eye contact 100%
+# mpc       0.56 deg, eye contact 100%
