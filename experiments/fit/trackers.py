@@ -37,7 +37,7 @@ _BODY_YAW_DEG, _BODY_YAW_WANDER_DEG, _BODY_YAW_TIME_S = (1.0, 3.0), ((2.0, 11.0)
 # Cameras: relative range error, bearing error; centred on those in bags of a real camera.
 _RANGE_NOISE, _RANGE_WANDER, _RANGE_TIME_S = (0.005, 0.2), (0.01, 0.2), (0.5, 4.0)
 _BEARING_DEG, _CAMERA_YAW_DEG = (0.04, 0.3), (2.0, 6.0)
-# Persistent jumps, in all kinds except the camera; outliers of single frames, in any.
+# Persistent jumps, in the kinds `jumps`, `wander` and `street`; outliers of single frames, in any.
 _JUMPS = {"duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.02}
 _SPIKES = {"size_min_m": 0.1, "size_max_m": 0.5}
 _JUMP_INTERVAL_S, _JUMP_SIZE_M, _SPIKE_INTERVAL_S = (1.0, 5.0), (0.04, 0.2), (0.3, 2.0)

@@ -21,8 +21,8 @@ _SPAN_S = 0.207
 # Shortest frame interval of a camera; a shorter one means two mixed sources or a clock step.
 STEP_S = 1e-3
 NEVER_S = 1e9  # interval to a frame that does not exist
-# Its state: covariance without the floor (below 15 frames a second the prior), number of frames, the last three
-# positions and the two intervals between them.
+# State of the white noise: covariance without the floor (below 15 frames a second the prior), number of frames, the
+# last three positions and the two intervals between them.
 _COVARIANCE, _FRAMES, _POSITIONS, _INTERVALS = slice(0, 9), 9, slice(10, 19), slice(19, 21)
 WHITE_AT_START = np.array([*(PRIOR_M**2 * np.eye(3)).ravel(), PRIOR_FRAMES, *[0.0] * 9, NEVER_S, NEVER_S])
 _FLOOR_M2 = _SMALLEST_M**2 * np.eye(3)

@@ -30,7 +30,7 @@ _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, NOISE_SCALE_M = 1.1, 0.3, 0.01
 _SWAY_SCALE_M, _LEAST_SWAY_M = 0.05, 0.002
 _LARGEST, _SMALLEST_NOISE, _SMALLEST_RATIO2, _LEAST_RATE = 4.0, 0.1, 0.01, 1e-3
 _ROUNDING_M2 = 1e-12  # a stated covariance may be nearly singular
-_STRIDE_S = 1.2
+_STRIDE_S = 1.2  # up to this length the age of a track is an input
 
 # Order of the inputs: filters, means and sway, yaws, and nine more.
 _OF_YAW_FILTERS = 6 * bank.N_FILTERS + 4 * bank.N_MEANS + np.arange(2 * bank.N_YAW)

@@ -74,10 +74,10 @@ class Ensemble:
     def __post_init__(self) -> None:
         if not self.weights or len(self.weights) != len(self.biases):
             raise WalkerModelError("a network needs one bias a layer")
-        networks, sizes = len(self.weights[0]), [N_INPUTS, *(b.shape[-1] for b in self.biases[:-1]), N_OUTPUTS]
+        sizes = [N_INPUTS, *(units for b in self.biases[:-1] for units in b.shape[-1:]), N_OUTPUTS]
         for layer, w, b, (rows, columns) in zip(count(1), self.weights, self.biases, pairwise(sizes)):
-            _check(w, f"weights of layer {layer}", (networks, rows, columns))
-            _check(b, f"biases of layer {layer}", (networks, 1, columns))
+            _check(w, f"weights of layer {layer}", (*self.weights[0].shape[:1], rows, columns))
+            _check(b, f"biases of layer {layer}", (*self.weights[0].shape[:1], 1, columns))
 
     def __call__(self, network: FloatArray) -> FloatArray:
         """Outputs of all networks for an input and for its mirror image.
@@ -131,10 +131,10 @@ class WalkerModel:
     def __post_init__(self) -> None:
         if len(self.seeing.weights[0]) != len(self.blind.weights[0]):
             raise WalkerModelError("the ensembles have different numbers of networks")
-        knots, units = KNOTS_S.size, self.hidden.shape[-1]
+        knots, units = KNOTS_S.size, self.hidden.shape[1:]
         _check(self.log_spread, "log_spread", (N_DOUBT, knots, 3))
-        _check(self.hidden, "hidden", (N_DOUBT, units))
-        _check(self.log_spread_hidden, "log_spread_hidden", (units, knots, 3))
+        _check(self.hidden, "hidden", (N_DOUBT, *units))
+        _check(self.log_spread_hidden, "log_spread_hidden", (*units, knots, 3))
         _check(self.noise_share, "noise_share", (knots,))
         if not (len(self.decision) == 2 and 0.0 < self.decision[0] < math.inf and math.isfinite(self.decision[1])):
             raise WalkerModelError(f"decision is {self.decision}, expected a positive slope and a threshold")

@@ -7,7 +7,7 @@ import pytest
 from builders.walkers import straight_model
 
 from experiments.fit.examples import _joined, examples_of_walk
-from experiments.fit.pace import at_pace
+from experiments.fit.pace import at_pace, idle
 from experiments.fit.trackers import beside, seen_through
 from experiments.fit.variants import GaplessWalk, bend, walk_of
 from gazempc.errors import GazempcError
@@ -171,3 +171,15 @@ def test_the_robot_is_beside_the_walk_and_clear_of_it():
         np.testing.assert_allclose(moved.head_m[:, 2], walk.head_m[:, 2] - 1.2)
         bearings.append(np.arctan2(*moved.head_m[60, 1::-1]))
     assert np.ptp(bearings) > 5.0
+
+
+def test_people_on_the_spot_sway_little_or_much_and_turn_with_it():
+    """A fifth barely moves; in most the s.d. exceeds 5 cm and the body turns, at speeds below those of walking."""
+    rng = np.random.default_rng(0)
+    motions = [idle(150, 1 / 30, rng) for _ in range(200)]
+    sway_m = np.array([np.max(np.std(each.head_m[:, :2], axis=0)) for each in motions])
+    assert np.quantile(sway_m, 0.2) < 0.02
+    assert 0.05 < np.quantile(sway_m, 0.6) < 0.1
+    assert 0.5 < np.mean([np.ptp(each.pelvis_yaw_rad) > 0.0 for each in motions]) < 0.8
+    speed_m_s = [np.max(np.hypot(*np.diff(each.head_m[:, :2], axis=0).T)) * 30.0 for each in motions]
+    assert np.quantile(speed_m_s, [0.5, 0.99]) == pytest.approx([0.26, 0.85], abs=0.15)

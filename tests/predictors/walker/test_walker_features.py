@@ -1,4 +1,4 @@
-"""Inputs of `Walker`: filter bank against filterpy, running means, yaw filters, mountings, noise and precision."""
+"""Inputs of `Walker`: filter bank against filterpy, running means, yaw filters, mountings and noise."""
 
 import numpy as np
 import pytest

@@ -113,7 +113,10 @@ def test_departures_and_spread_at_between_and_beyond_the_knots():
     np.testing.assert_allclose(sd, spread, atol=1e-9)
     fine = np.linspace(-0.2, 1.5, 400)
     expected = CubicSpline(KNOTS_S, departure)(np.clip(fine, 0.0, 1.5))
-    np.testing.assert_allclose(BetweenKnots(departure, spread)(fine)[0], expected, atol=1e-4)
+    found, sd = BetweenKnots(departure, spread)(fine)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    expected_sd = np.stack([np.interp(np.abs(fine), KNOTS_S, column) for column in spread.T], axis=1)
+    np.testing.assert_allclose(sd, expected_sd, atol=1e-9)
     beyond, wide = BetweenKnots(departure, spread)(np.array([1.5, 2.0, 2.5]))
     np.testing.assert_allclose(beyond[2] - beyond[1], departure[7] - departure[6], atol=1e-9)
     np.testing.assert_allclose(beyond[1] - beyond[0], departure[7] - departure[6], atol=1e-9)
@@ -146,6 +149,7 @@ def test_invalid_model_values_are_refused(change, message):
         ({"weights": (GOOD.seeing.weights[0][:, :-1], *GOOD.seeing.weights[1:])}, "weights of layer 1"),
         ({"weights": GOOD.seeing.weights[:-1], "biases": GOOD.seeing.biases[:-1]}, "weights of layer 2"),
         ({"biases": GOOD.seeing.biases[:-1]}, "one bias a layer"),
+        ({"weights": (np.float32(0.0), *GOOD.seeing.weights[1:])}, "weights of layer 1"),
         ({"biases": (GOOD.seeing.biases[0] * np.inf, *GOOD.seeing.biases[1:])}, "biases of layer 1: .* finite"),
     ],
 )
