@@ -151,7 +151,8 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         raise SettingsError(f"walker.fitted: {error}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SettingsError(f"walker.fitted: {path}: cannot be read: {reason}") from None
+        accepted = "accepted: a model file, or a folder that `gazempc fit` wrote"
+        raise SettingsError(f"walker.fitted: {path}: cannot be read: {reason}; {accepted}") from None
 
 
 def make_target(
