@@ -1,4 +1,4 @@
-"""Fit the default predictor, `walker`, on recordings of walking people, with leave-one-person-out cross-validation.
+"""Fit the default predictor, `walker`, on walking and standing people, with leave-one-person-out cross-validation.
 
 Example: python -m experiments.fit --recordings my_walks --out out/fit
 """
@@ -21,14 +21,13 @@ from experiments.fit.networks import ExamplesJob, NetworksJob, examples_of, mode
 from experiments.fit.spread import errors_on_left_out, fit_spread
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
+from gazempc.loop.build import FOLDS, MODEL_FILE
 from gazempc.recordings.load import load
 from gazempc.results.run_summary import versions
 from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors.walker.model_file import save_walker_model
 from predictors.walker.network import WalkerModel
 
-MODEL_FILE = "walker.npz"
-FOLDS = "left_out"
 _FEWEST_PEOPLE = 2
 _COMPUTE = ("python", "gazempc", "numpy", "scipy")
 

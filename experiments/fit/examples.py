@@ -34,8 +34,6 @@ _WOBBLE_SHARE = 0.5
 # Weights of synthetic and of recorded turns. A lower weight of the first increases errors in turns of people left out,
 # without a benefit on straight walks; a higher weight of the second, of few people, increases errors on straight walks.
 _SYNTHETIC_TURN_WEIGHT, _RECORDED_TURN_WEIGHT = 2.0, 0.5
-# Errors on standing people are small, in millimetres, but standing is frequent.
-_RECORDED_STANDING_WEIGHT = 1.0
 # The weight is inversely proportional to a higher frame rate: successive frames are redundant.
 _USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
@@ -80,7 +78,7 @@ def join(parts: Sequence[T]) -> T:
 def _joined(parts: list[Examples], name: str) -> Examples:
     known = [p for p in parts if p.weight.size]
     if not known:
-        raise GazempcError(f"{name}: no person slower than 3 m/s is observed, so there are no examples: leave it out")
+        raise GazempcError(f"{name}: every observed person is faster than 3 m/s, so it gives no examples: leave it out")
     return join(known)
 
 
@@ -128,7 +126,7 @@ def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | 
         The examples.
 
     Raises:
-        GazempcError: If the recording cannot be read, is too short, or no person walks in it.
+        GazempcError: If the recording cannot be read, is too short, or every person in it is faster than 3 m/s.
     """
     name, walk, rng, stands = _walk_and_rng(path, seed)
     plain = [_PLAIN[k % len(_PLAIN)] for k in range(variants)]
@@ -157,8 +155,7 @@ def _variants(
             if rng.random() < _WOBBLE_SHARE:
                 varied = wobble(varied, rng)
         varied = beside(varied, rng)
-        weight = _SYNTHETIC_TURN_WEIGHT if bent else 1.0 if straight else _RECORDED_TURN_WEIGHT
-        weight = _RECORDED_STANDING_WEIGHT if stands else weight
+        weight = _SYNTHETIC_TURN_WEIGHT if bent else 1.0 if straight or stands else _RECORDED_TURN_WEIGHT
         weight *= min(1.0, _USUAL_HZ / sensor.rate_hz)
         parts.append(examples_of_walk(varied, seen_through(varied, tracker, sensor, rng), weight))
     return parts
@@ -202,7 +199,7 @@ def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) ->
         The examples.
 
     Raises:
-        GazempcError: If the recording cannot be read, is too short, or no person walks in it.
+        GazempcError: If the recording cannot be read, is too short, or every person in it is faster than 3 m/s.
     """
     name, walk, rng, stands = _walk_and_rng(path, seed)
     # Errors in recorded turns are larger than in synthetic ones, and recorded turns are rare.

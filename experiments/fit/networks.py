@@ -28,7 +28,7 @@ _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
 _BEGINS_WALKING, _BEGINS_NEWEST = 2.0, 1.0
 # Regime of staying in the fit: an exponential return with this time constant, seconds. Networks that are fitted with
 # the critically damped return of the forecast have 0.9 points less contact with stopping pedestrians (59.6 in place of
-# 60.5 %, `body_tracker`, equal seeds).
+# 60.5 %, `body_tracker`, equal seeds; an earlier model).
 _RETURN_TIME_S = 0.5
 # Lower weights at the ends: necks use the forecast 0.1 to 1 s ahead.
 _KNOT_WEIGHTS = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5])
@@ -85,7 +85,7 @@ def fit_networks(
         sees_yaws: Whether pelvis and head orientation are inputs; otherwise their weights are zero.
 
     Returns:
-        Weights and biases by layer, see `predictors.walker.network.WalkerModel`.
+        Weights and biases by layer, see `predictors.walker.network.Ensemble`.
 
     Raises:
         MissingOptionalDependencyError: If jax or optax is not installed.

@@ -115,7 +115,7 @@ def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:
         long = np.concatenate([long[:-join], joined, gait[best + join :]])
     long = long[:wanted]
     new_s = step_s * np.arange(wanted)
-    trend = np.column_stack([walk.head_m.mean(axis=0) + (new_s[:, None] - t.mean()) * slope * [1.0, 1.0, 0.0]])
+    trend = walk.head_m.mean(axis=0) + (new_s[:, None] - t.mean()) * slope * [1.0, 1.0, 0.0]
     return GaplessWalk(
         walk.times_s[0] + new_s,
         trend + long[:, :3],
@@ -143,10 +143,10 @@ def flatten(walk: GaplessWalk) -> GaplessWalk:
 # Sway: s.d. and correlation time.
 _SWAY_M, _SWAY_TIME_S = (0.002, 0.012), (0.5, 1.5)
 # Share of people with a larger sway, who shift weight from foot to foot or step on the spot as they gesture, with turns
-# of pelvis and head; largest ratio of its s.d. to its correlation time: the s.d. of the velocity is up to 0.21 m/s on
-# each axis, peaks are above 1 m/s. Yaws are nominal: clips of few correlation times have up to three times as much.
-# Share and size were chosen on the recorded person who directs traffic (held out), and on walking people.
+# of pelvis and head. Yaws are nominal: clips of few correlation times have up to three times as much. Share and size
+# were chosen on the recorded person who directs traffic (held out), and on walking people.
 _LARGE_SHARE, _LARGE_SWAY_M, _LARGE_SWAY_TIME_S, _LARGE_YAW_DEG = 0.6, (0.03, 0.2), (0.5, 1.5), (2.0, 20.0)
+# Largest ratio of its s.d. to its correlation time: velocity s.d. up to 0.21 m/s on each axis, peaks above 1 m/s.
 _SWAY_SPEED_M_S = 0.15
 # Weight shifts (persistent displacement) and fidgets (out and back), as in prolonged standing (Duarte & Zatsiorsky
 # 1999); leans while talking, reaching or gesturing are larger. Mean intervals are shorter than published ones, so that

@@ -20,7 +20,7 @@ from predictors import HeadObservation
 _WHITE_M = (0.0, 0.0, 0.0025, 0.005, 0.01, 0.01, 0.01, 0.01, 0.015, 0.02)
 _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Probability of each kind, for unmodified walks and for others.
-KINDS = ("precise", "white", "wander", "camera", "jumps", "street")
+_KINDS = ("precise", "white", "wander", "camera", "jumps", "street")
 _PLAIN_SHARES, _OTHER_SHARES = (0.14, 0.40, 0.21, 0.21, 0.04, 0.0), (0.14, 0.26, 0.13, 0.17, 0.0, 0.30)
 # Precise trackers, such as motion capture: white noise of position and yaws.
 _PRECISE_M, _PRECISE_YAW_DEG = (0.0, 0.0, 0.0005, 0.001, 0.002, 0.003), (0.0, 0.0, 0.5, 1.0, 2.0)
@@ -62,10 +62,10 @@ def draw_tracker(rng: np.random.Generator, plain: bool) -> tuple[str, SensorSpec
         plain: Whether the walk is unmodified.
 
     Returns:
-        Its kind, one of `KINDS`, and its model.
+        Its kind, one of `_KINDS`, and its model.
     """
     fields: dict[str, Any] = {"rate_hz": _USUAL_HZ}
-    kind = str(rng.choice(KINDS, p=_PLAIN_SHARES if plain else _OTHER_SHARES))
+    kind = str(rng.choice(_KINDS, p=_PLAIN_SHARES if plain else _OTHER_SHARES))
     if kind == "precise":
         fields["rate_hz"] = _draw_rate_hz(rng)
         fields |= {"position_noise_m": rng.choice(_PRECISE_M), "yaw_noise_deg": rng.choice(_PRECISE_YAW_DEG)}

@@ -76,7 +76,7 @@ def walk_of(recording: Recording) -> GaplessWalk:
     return GaplessWalk(times_s, truth.head_position_m[rows], pelvis, head)
 
 
-def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool, own_pace: bool = True) -> GaplessWalk:
+def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool, own_pace: bool) -> GaplessWalk:
     """Random variant of a walk.
 
     Args:
@@ -113,18 +113,17 @@ def mirror(walk: GaplessWalk) -> GaplessWalk:
     )
 
 
-def glance(walk: GaplessWalk, rng: np.random.Generator, angle_deg: float | None = None) -> GaplessWalk:
+def glance(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     """Add a temporary head turn, as by people who notice a robot.
 
     Args:
         walk: The walk.
-        rng: Random generator of side, start and duration.
-        angle_deg: Amplitude, degrees; random if None.
+        rng: Random generator of side, amplitude, start and duration.
 
     Returns:
         The walk with the glance.
     """
-    angle = np.radians(rng.uniform(*_GLANCE_DEG) if angle_deg is None else angle_deg) * rng.choice([-1.0, 1.0])
+    angle = np.radians(rng.uniform(*_GLANCE_DEG)) * rng.choice([-1.0, 1.0])
     begin_s = rng.uniform(walk.times_s[0] - 1.0, walk.times_s[-1])
     end_s = begin_s + rng.uniform(*_GLANCE_TIME_S)
     share = np.clip((walk.times_s - begin_s) / _GLANCE_RISE_S, 0, 1) * np.clip(

@@ -29,6 +29,8 @@ from predictors import Predictor
 from predictors.walker.model_file import load_walker_model, shipped_walker_model
 from predictors.walker.network import WalkerModel, WalkerModelError
 
+# Names in a folder that `experiments.fit` writes: the model of all people, and the folder of those without one person.
+MODEL_FILE, FOLDS = "walker.npz", "left_out"
 # A hundred times the size of the shipped model.
 _MOST_MODEL_BYTES = 50 * MEGABYTE
 
@@ -141,9 +143,9 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
     if fitted is None:
         return shipped_walker_model()
     path = fitted
-    if fitted.is_dir():  # written by `experiments.fit`
-        left_out = fitted / "left_out" / f"{person}.npz"
-        path = left_out if left_out.is_file() else fitted / "walker.npz"
+    if fitted.is_dir():
+        left_out = fitted / FOLDS / f"{person}.npz"
+        path = left_out if left_out.is_file() else fitted / MODEL_FILE
     try:
         read_npz(path, _MOST_MODEL_BYTES)
         return load_walker_model(path)

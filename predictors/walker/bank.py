@@ -100,7 +100,14 @@ def at_start(position_m: FloatArray) -> FloatArray:
 
 
 def white_noise_m2(state: FloatArray) -> FloatArray:
-    """Covariance of the white noise, shape (3, 3), square metres; standard deviation at least 2 mm in any direction."""
+    """Covariance of the white noise.
+
+    Args:
+        state: State, shape (21,), see `white_noise`.
+
+    Returns:
+        Shape (3, 3), square metres; standard deviation at least 2 mm in any direction.
+    """
     return state[_COVARIANCE].reshape(3, 3) + _FLOOR_M2
 
 
@@ -113,7 +120,7 @@ def white_noise(state: ca.SX, position_m: ca.SX, dt_s: ca.SX) -> ca.SX:
         dt_s: Time since the last one, seconds.
 
     Returns:
-        The new state.
+        The new state, shape (21,).
     """
     intervals_s = ca.vertcat(state[_INTERVALS], dt_s)
     before_s = [ca.sum1(intervals_s[k:]) for k in range(3)] + [0.0]
@@ -166,7 +173,7 @@ def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_
 
 
 def _symmetric(matrix: ca.SX) -> ca.SX:
-    # The upper triangle is not computed.
+    # Only the lower triangle is computed.
     return ca.tril2symm(ca.tril(matrix))
 
 
