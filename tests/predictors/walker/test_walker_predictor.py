@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders.people import yaw_quat
 from builders.walkers import AHEAD_S, forecasts, moved, random_covariance, random_model, seen_of, straight_model
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -41,6 +41,7 @@ def shown(observations, *predictors):
     mirror=st.booleans(),
     sensor=st.sampled_from(["reference", "face_camera", "street", "body_tracker"]),
 )
+@example(angle_rad=0.5, shift_m=np.zeros(3), mirror=True, sensor="face_camera")
 def test_the_forecast_is_equivariant_to_position_heading_and_reflection(angle_rad, shift_m, mirror, sensor):
     """The forecast moves, turns and is mirrored with the walk, covariance and all, from the first frame on.
 
