@@ -17,7 +17,7 @@ from experiments.engine.command import Command, WorkSettings, find_recordings, i
 from experiments.engine.engine import Cache, Engine
 from experiments.engine.job import Row
 from experiments.fit.examples import Examples, join
-from experiments.fit.networks import ExamplesJob, NetworksJob, examples_of, model_of
+from experiments.fit.networks import ExamplesJob, NetworkJob, examples_of, model_of
 from experiments.fit.spread import errors_on_left_out, fit_spread
 from gazempc.errors import GazempcError
 from gazempc.files.whole import write_whole
@@ -42,10 +42,9 @@ class FitSettings(WorkSettings):
         default=None, description="Fit for one tracker only, a shipped sensor or .toml file; default: random trackers"
     )
     variants: int = Field(
-        default=140, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
+        default=280, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
     )
-    networks: int = Field(default=4, ge=1, le=20, description="Networks in each of the two ensembles")
-    steps: int = Field(default=8000, ge=1, description="Steps of gradient descent for each network")
+    steps: int = Field(default=16_000, ge=1, description="Steps of gradient descent for each of the two networks")
     seed: int = Field(default=0, ge=0, description="Seed of the random generators")
     out: Path = Field(default=Path("out/fit"), description="Output folder; an interrupted fit resumes from it")
 
@@ -129,7 +128,7 @@ def _networks(
             used = [job for job, name in zip(examples, people, strict=True) if name != person]
             files = tuple(cache.path(job.key()) for job in used)
             for sees_yaws in (True, False):
-                jobs.append(NetworksJob(files, settings.seed, settings.networks, settings.steps, sees_yaws))
+                jobs.append(NetworkJob(files, settings.seed, settings.steps, sees_yaws))
         rows = _check(engine.run(jobs))
         models = [model_of(rows[k : k + 2], jobs[k].key()) for k in range(0, len(rows), 2)]
         return models, scored

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway, vary_standing
-from experiments.fit.trackers import beside, draw_tracker, seen_through, wobble
+from experiments.fit.trackers import USUAL_HZ, beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
@@ -19,7 +19,7 @@ from gazempc.sim.sensing.spec import YawError
 from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors import HeadObservation
 from predictors.walker.features import N_INPUTS
-from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, Ensemble, WalkerModel
+from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, Network, WalkerModel
 from predictors.walker.predictor import Walker
 
 # Two of three variants keep recorded pace and gait. With fewer of these, errors on recorded walks grow by a tenth; with
@@ -34,13 +34,11 @@ _WOBBLE_SHARE = 0.5
 # Weights of synthetic and of recorded turns. A lower weight of the first increases errors in turns of people left out,
 # without a benefit on straight walks; a higher weight of the second, of few people, increases errors on straight walks.
 _SYNTHETIC_TURN_WEIGHT, _RECORDED_TURN_WEIGHT = 2.0, 0.5
-# The weight is inversely proportional to a higher frame rate: successive frames are redundant.
-_USUAL_HZ = 30.0
 _FEWEST_FRAMES = 20
 _SCORED_VARIANTS, _SCORED_TURNING_WEIGHT = 12, 2.0
-# Placeholder networks: only the inputs of `Walker` are used here, so a fit needs no earlier model.
-_ZERO_NETWORKS = Ensemble(*((np.zeros((1, rows, N_OUTPUTS), dtype=np.float32),) for rows in (N_INPUTS, 1)))
-_BLANK = WalkerModel(_ZERO_NETWORKS, _ZERO_NETWORKS, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
+# Placeholder network: only the inputs of `Walker` are used here, so a fit needs no earlier model.
+_ZEROS = Network(*((np.zeros(shape, dtype=np.float32),) for shape in ((N_INPUTS, N_OUTPUTS), N_OUTPUTS)))
+_BLANK = WalkerModel(_ZEROS, _ZEROS, np.zeros((N_DOUBT, KNOTS_S.size, 3)))
 
 
 @dataclass(frozen=True)
@@ -156,7 +154,7 @@ def _variants(
                 varied = wobble(varied, rng)
         varied = beside(varied, rng)
         weight = _SYNTHETIC_TURN_WEIGHT if bent else 1.0 if straight or stands else _RECORDED_TURN_WEIGHT
-        weight *= min(1.0, _USUAL_HZ / sensor.rate_hz)
+        weight *= min(1.0, USUAL_HZ / sensor.rate_hz)  # at a higher frame rate successive frames are redundant
         parts.append(examples_of_walk(varied, seen_through(varied, tracker, sensor, rng), weight))
     return parts
 

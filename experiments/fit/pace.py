@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from experiments.fit.variants import GaplessWalk, mirror, smooth_step
+from experiments.fit.variants import PEAK_OF_SMOOTH_STEP, GaplessWalk, log_uniform, mirror, smooth_step
 from gazempc.types import FloatArray
 
 # Range of target speeds; slower motion is a start or a stop, faster motion is running.
@@ -156,7 +156,7 @@ _LEAN_EVERY_S, _LEAN_M, _LEAN_TIME_S, _HOLD_S = (1.5, 15.0), (0.02, 0.35), (0.4,
 # A step aside or back, after which the person stands again.
 _STEP_EVERY_S, _STEP_M, _STEP_TIME_S = (3.0, 20.0), (0.1, 0.5), (0.6, 1.4)
 # Peak speed of a standing person's head: faster displacements are slowed down to it.
-_FASTEST_M_S, _PEAK_OF_SMOOTH_STEP = 0.45, 1.875
+_FASTEST_M_S = 0.45
 # Sitting down, standing up and bending: vertical displacement, with a small horizontal one.
 _RISE_EVERY_S, _RISE_M, _RISE_ASIDE_M, _RISE_TIME_S = (3.0, 20.0), (0.1, 0.5), (0.02, 0.3), (0.8, 2.0)
 # A turn on the spot rotates the head about an axis at this distance.
@@ -222,7 +222,7 @@ def _sway_of_standing(n: int, step_s: float, rng: np.random.Generator) -> tuple[
     """Sway of a standing person: head position, shape (N, 3), metres, and yaws of pelvis and head, radians."""
     sd_m, time_s, yaws_rad = rng.uniform(*_SWAY_M), rng.uniform(*_SWAY_TIME_S), np.zeros(2)
     if rng.random() < _LARGE_SHARE:
-        sd_m = np.exp(rng.uniform(*np.log(_LARGE_SWAY_M)))
+        sd_m = log_uniform(rng, *_LARGE_SWAY_M)
         time_s = max(rng.uniform(*_LARGE_SWAY_TIME_S), sd_m / _SWAY_SPEED_M_S)
         yaws_rad = np.radians(rng.uniform(*_LARGE_YAW_DEG, size=2))
     found = gaussian_filter1d(rng.standard_normal((n + 200, 5)), time_s / step_s / 2, axis=0)[100 : 100 + n]
@@ -242,12 +242,12 @@ def vary_standing(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     """
     t = walk.times_s - walk.times_s[0]
     step_s = float(np.median(np.diff(t)))
-    rate = float(np.exp(rng.uniform(*np.log(_PACE))))
+    rate = log_uniform(rng, *_PACE)
     n = min(round(_LONGEST_STANDING_S / step_s), int(t[-1] / rate / step_s)) + 1
     warp_s = rng.uniform(0.0, max(t[-1] - rate * (n - 1) * step_s, 0.0)) + rate * step_s * np.arange(n)
     warp_s = np.minimum(warp_s, t[-1])
     mean = walk.head_m.mean(axis=0)
-    size = float(np.exp(rng.uniform(*np.log(_SIZE))))
+    size = log_uniform(rng, *_SIZE)
     offsets = np.radians(_YAW_OFFSET_SD_DEG) * rng.standard_normal(2)
     varied = GaplessWalk(
         walk.times_s[0] + step_s * np.arange(n),
@@ -266,12 +266,12 @@ def _events(t: FloatArray, every_s: tuple[float, float], rng: np.random.Generato
 
 def _direction(rng: np.random.Generator, size_m: tuple[float, float]) -> FloatArray:
     angle = rng.uniform(0.0, 2.0 * np.pi)
-    size = float(np.exp(rng.uniform(*np.log(size_m))))
+    size = log_uniform(rng, *size_m)
     return size * np.array([np.cos(angle), np.sin(angle), 0.2 * rng.standard_normal()])
 
 
 def _bounded_duration_s(time_s: float, step_m: FloatArray) -> float:
-    return max(time_s, _PEAK_OF_SMOOTH_STEP * float(np.linalg.norm(step_m)) / _FASTEST_M_S)
+    return max(time_s, PEAK_OF_SMOOTH_STEP * float(np.linalg.norm(step_m)) / _FASTEST_M_S)
 
 
 def _about_axis(turned_rad: FloatArray, axis_m: float, rng: np.random.Generator) -> FloatArray:

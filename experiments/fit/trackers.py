@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from experiments.fit.variants import GaplessWalk
+from experiments.fit.variants import GaplessWalk, log_uniform
 from gazempc.recordings.recording import Labels, Recording, Track
 from gazempc.sim.sensing.observe import wander
 from gazempc.sim.sensor import SensorSpec, observe
@@ -51,7 +51,7 @@ _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 0.8, 5.0
 # Upsampling rate of walks for higher frame rates, and for frames with jitter.
 _FINE_HZ = 120.0
-_USUAL_HZ = 30.0
+USUAL_HZ = 30.0
 
 
 def draw_tracker(rng: np.random.Generator, plain: bool) -> tuple[str, SensorSpec]:
@@ -64,7 +64,7 @@ def draw_tracker(rng: np.random.Generator, plain: bool) -> tuple[str, SensorSpec
     Returns:
         Its kind, one of `_KINDS`, and its model.
     """
-    fields: dict[str, Any] = {"rate_hz": _USUAL_HZ}
+    fields: dict[str, Any] = {"rate_hz": USUAL_HZ}
     kind = str(rng.choice(_KINDS, p=_PLAIN_SHARES if plain else _OTHER_SHARES))
     if kind == "precise":
         fields["rate_hz"] = _draw_rate_hz(rng)
@@ -85,7 +85,7 @@ def draw_tracker(rng: np.random.Generator, plain: bool) -> tuple[str, SensorSpec
     if kind == "wander":
         fields["position_noise_m"] = rng.uniform(*_BODY_WHITE_M)
         fields["position_wander_m"] = rng.uniform(*_BODY_WANDER_M)
-        fields["position_wander_time_s"] = _log_uniform(rng, *_BODY_TIME_S)
+        fields["position_wander_time_s"] = log_uniform(rng, *_BODY_TIME_S)
         fields["yaw_noise_deg"] = rng.uniform(*_BODY_YAW_DEG)
         fields["states_covariance"] = bool(rng.random() < _BODY_STATES)
         yaws = [
@@ -94,8 +94,8 @@ def draw_tracker(rng: np.random.Generator, plain: bool) -> tuple[str, SensorSpec
         ]
     if kind == "camera":
         fields["along"] = {
-            "noise_share": _log_uniform(rng, *_RANGE_NOISE),
-            "wander_share": _log_uniform(rng, *_RANGE_WANDER),
+            "noise_share": log_uniform(rng, *_RANGE_NOISE),
+            "wander_share": log_uniform(rng, *_RANGE_WANDER),
             "wander_time_s": rng.uniform(*_RANGE_TIME_S),
         }
         fields["across"] = {"noise_deg": rng.uniform(*_BEARING_DEG)}
@@ -117,7 +117,7 @@ def _make_sensor(kind: str, fields: dict[str, Any], rng: np.random.Generator) ->
 
 def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
     """Add a random low-frequency displacement beyond gait, as in a crowd or in the tracks of a data set."""
-    slow = rng.uniform(*_WANDER_M) * wander(walk.times_s, _log_uniform(rng, *_WANDER_TIME_S), 3, rng)
+    slow = rng.uniform(*_WANDER_M) * wander(walk.times_s, log_uniform(rng, *_WANDER_TIME_S), 3, rng)
     slow[:, 2] = 0.0
     step_s = float(np.median(np.diff(walk.times_s)))
     return replace(walk, head_m=walk.head_m + gaussian_filter1d(slow, _WOBBLE_SD_S / step_s, axis=0))
@@ -125,7 +125,7 @@ def wobble(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
 
 def _street_error_m(times_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """White noise and wander of a planar tracker, shape (N, 3), metres."""
-    slow = rng.uniform(*_WANDER_M) * wander(times_s, _log_uniform(rng, *_WANDER_TIME_S), 3, rng)
+    slow = rng.uniform(*_WANDER_M) * wander(times_s, log_uniform(rng, *_WANDER_TIME_S), 3, rng)
     error = slow + rng.uniform(*_STREET_WHITE_M) * rng.standard_normal((times_s.size, 3))
     error[:, 2] = 0.0
     return np.asarray(error)
@@ -153,7 +153,7 @@ def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.rando
     Returns:
         The observations, in order of capture.
     """
-    frames = _USUAL_HZ / sensor.rate_hz
+    frames = USUAL_HZ / sensor.rate_hz
     if sensor.timing.frame_jitter_s > 0 or frames < 1.0 or abs(frames - round(frames)) > 1e-9:
         walk = _finer(walk)
     positions = walk.head_m + _street_error_m(walk.times_s, rng) if kind == "street" else walk.head_m
@@ -174,7 +174,7 @@ def _draw_rate_hz(rng: np.random.Generator) -> float:
     draw = rng.random()
     if draw < _SLOW_SHARE:
         return float(rng.choice(_SLOW_HZ))
-    return float(rng.choice(_FAST_HZ)) if draw < _SLOW_SHARE + _WITH_FAULT else _USUAL_HZ
+    return float(rng.choice(_FAST_HZ)) if draw < _SLOW_SHARE + _WITH_FAULT else USUAL_HZ
 
 
 def _faults(rng: np.random.Generator, kind: str, fields: dict[str, Any]) -> dict[str, Any]:
@@ -189,10 +189,6 @@ def _faults(rng: np.random.Generator, kind: str, fields: dict[str, Any]) -> dict
     if rng.random() < _WITH_FAULT:
         faults["timing"] = {"frame_jitter_s": rng.uniform(*_JITTER_PERIODS) / fields["rate_hz"]}
     return faults
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def _quats(yaw_rad: FloatArray) -> FloatArray:

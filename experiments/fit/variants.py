@@ -23,7 +23,7 @@ _PELVIS_LEAD_S, _HEAD_LEAD_S = (-0.05, 0.25), (-0.05, 0.2)
 _PELVIS_TURN_SHARE, _HEAD_TURN_SHARE = (0.5, 1.05), (0.45, 1.0)
 _OFFSET_SD_DEG = (6.0, 3.0)  # of head and pelvis yaw, in addition to the person's own
 _GLANCE_DEG, _GLANCE_TIME_S, _GLANCE_RISE_S = (15.0, 60.0), (0.4, 4.0), 0.25
-_PEAK_OF_SMOOTH_STEP = 1.875
+PEAK_OF_SMOOTH_STEP = 1.875
 _SHORTEST_S = 1.25
 
 
@@ -205,8 +205,13 @@ def bend(walk: GaplessWalk, rng: np.random.Generator) -> GaplessWalk:
 def _draw_turn(rng: np.random.Generator) -> tuple[float, float]:
     while True:
         angle_deg, duration_s = rng.uniform(*_TURN_DEG), rng.uniform(*_TURN_TIME_S)
-        if _PEAK_RATE_DEG_S[0] < _PEAK_OF_SMOOTH_STEP * angle_deg / duration_s < _PEAK_RATE_DEG_S[1]:
+        if _PEAK_RATE_DEG_S[0] < PEAK_OF_SMOOTH_STEP * angle_deg / duration_s < _PEAK_RATE_DEG_S[1]:
             return float(angle_deg), float(duration_s)
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A random number between two positive bounds, uniform in its logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def smooth_step(share: FloatArray) -> FloatArray:

@@ -11,10 +11,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from predictors.walker.network import Ensemble, WalkerModel, WalkerModelError
+from predictors.walker.network import Network, WalkerModel, WalkerModelError
 
 SHIPPED = Path(__file__).with_name("walker.npz")
-_ENSEMBLES = ("seeing", "blind")
+_NETWORKS = ("seeing", "blind")
 _WHOLE = ("log_spread", "hidden", "log_spread_hidden", "noise_share", "decision", "degrees_of_freedom")
 
 
@@ -26,7 +26,7 @@ def save_walker_model(model: WalkerModel, path: Path | IO[bytes]) -> None:
         path: Path, or open binary file.
     """
     arrays: dict[str, Any] = {name: getattr(model, name) for name in _WHOLE} | {"about": json.dumps(model.about)}
-    for name in _ENSEMBLES:
+    for name in _NETWORKS:
         for what, layers in vars(getattr(model, name)).items():
             arrays |= {f"{name}_{what}_{i}": layer.astype(np.float32) for i, layer in enumerate(layers)}
     np.savez_compressed(path, **arrays)
@@ -48,8 +48,8 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
         with np.load(path, allow_pickle=False) as data:
             layers = range(sum(name.startswith("seeing_weights_") for name in data.files))
             seeing, blind = (
-                Ensemble(*(tuple(data[f"{name}_{what}_{i}"] for i in layers) for what in ("weights", "biases")))
-                for name in _ENSEMBLES
+                Network(*(tuple(data[f"{name}_{what}_{i}"] for i in layers) for what in ("weights", "biases")))
+                for name in _NETWORKS
             )
             whole: dict[str, Any] = {name: data[name] for name in _WHOLE}
             decision, freedom = tuple(data["decision"].tolist()), float(data["degrees_of_freedom"])

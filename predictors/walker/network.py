@@ -1,10 +1,10 @@
-"""The model of `Walker`: ensembles of networks, departures at and between the knots, and the scale of the errors."""
+"""The model of `Walker`: its networks, departures at and between the knots, and the scale of the errors."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cache, partial, reduce
+from functools import cache, reduce
 from itertools import count, pairwise
 from operator import add
 from typing import Any
@@ -40,7 +40,7 @@ _BOTH_SIDES, _OF_BOTH_SIDES = np.stack([np.ones(N_INPUTS), MIRROR]), np.ones((2,
 _OF_BOTH_SIDES[:, DEPARTURES] = np.repeat(DEPARTURE_SCALE_M, 3)
 _OF_BOTH_SIDES[1, 1 : DEPARTURES.stop : 3] *= -1.0
 # Features of the uncertainty model: N_SPREAD inputs; size of the departure across at 0.5 s, across and along at 1 s;
-# standard deviation over the ensemble; distance between walking and staying; probability of walking.
+# difference between input and mirror image; distance between walking and staying; probability of walking.
 N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
 _USUAL_DEPARTURE_M, _LARGEST_SIZE = np.array([0.06, 0.2, 0.2]), 4.0
@@ -57,12 +57,12 @@ def _check(array: NDArray[Any], name: str, shape: tuple[int, ...]) -> None:
 
 
 @dataclass(frozen=True)
-class Ensemble:
-    """E networks of equal shape, evaluated together.
+class Network:
+    """A network with tanh units.
 
     Attributes:
-        weights: One array a layer, shape (E, inputs, outputs).
-        biases: One array a layer, shape (E, 1, outputs).
+        weights: One array a layer, shape (inputs, outputs).
+        biases: One array a layer, shape (outputs,).
 
     Raises:
         WalkerModelError: If a shape is wrong or a number is not finite.
@@ -76,22 +76,22 @@ class Ensemble:
             raise WalkerModelError("a network needs one bias a layer")
         sizes = [N_INPUTS, *(units for b in self.biases[:-1] for units in b.shape[-1:]), N_OUTPUTS]
         for layer, w, b, (rows, columns) in zip(count(1), self.weights, self.biases, pairwise(sizes)):
-            _check(w, f"weights of layer {layer}", (*self.weights[0].shape[:1], rows, columns))
-            _check(b, f"biases of layer {layer}", (*self.weights[0].shape[:1], 1, columns))
+            _check(w, f"weights of layer {layer}", (rows, columns))
+            _check(b, f"biases of layer {layer}", (columns,))
 
     def __call__(self, network: FloatArray) -> FloatArray:
-        """Outputs of all networks for an input and for its mirror image.
+        """Outputs for an input and for its mirror image.
 
         Args:
             network: Input, shape (N_INPUTS,).
 
         Returns:
-            Shape (2 E, N_OUTPUTS): departures in metres along, across and up, logits.
+            Shape (2, N_OUTPUTS): departures in metres along, across and up, logits.
         """
         h = (_BOTH_SIDES * network).astype(np.float32) @ self.weights[0] + self.biases[0]
         for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
             h = np.tanh(h) @ w + b
-        return (h * _OF_BOTH_SIDES).reshape(-1, N_OUTPUTS)
+        return h * _OF_BOTH_SIDES
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class WalkerModel:
     """Parameters of the fitted model.
 
     Attributes:
-        seeing: Networks for tracks with an orientation.
-        blind: Networks for tracks without orientation.
+        seeing: Network for tracks with an orientation.
+        blind: Network for tracks without orientation.
         log_spread: Coefficients of the logarithm of the errors' scale (m) at each knot along, across and up, shape
             (N_DOUBT, knots, 3), without the stated error of the observation.
         hidden: Weights of the tanh units of the logarithm's nonlinear part, shape (N_DOUBT, units).
@@ -118,8 +118,8 @@ class WalkerModel:
         WalkerModelError: If a shape is wrong or a number is not finite.
     """
 
-    seeing: Ensemble
-    blind: Ensemble
+    seeing: Network
+    blind: Network
     log_spread: FloatArray
     hidden: FloatArray = field(default_factory=lambda: np.zeros((N_DOUBT, 0)))
     log_spread_hidden: FloatArray = field(default_factory=lambda: np.zeros((0, KNOTS_S.size, 3)))
@@ -129,8 +129,6 @@ class WalkerModel:
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len(self.seeing.weights[0]) != len(self.blind.weights[0]):
-            raise WalkerModelError("the ensembles have different numbers of networks")
         knots, units = KNOTS_S.size, self.hidden.shape[1:]
         _check(self.log_spread, "log_spread", (N_DOUBT, knots, 3))
         _check(self.hidden, "hidden", (N_DOUBT, *units))
@@ -144,18 +142,18 @@ class WalkerModel:
     def outputs(self, network: FloatArray) -> FloatArray:
         """Outputs of the networks.
 
-        Each input is evaluated with its mirror image, so the model is symmetric in left and right. A separate ensemble
+        Each input is evaluated with its mirror image, so the model is symmetric in left and right. A separate network
         serves tracks without orientation; the outputs of both are blended by the weight of orientation.
 
         Args:
             network: Inputs of the networks, shape (N_INPUTS,).
 
         Returns:
-            Shape (2 E, N_OUTPUTS), as `Ensemble` returns them.
+            Shape (2, N_OUTPUTS), as `Network` returns them.
         """
         seen = max(network[KNOWN].tolist())
         shares = (self.seeing, seen), (self.blind, 1.0 - seen)
-        return reduce(add, (share * ensemble(network) for ensemble, share in shares if share > 0.0))
+        return reduce(add, (share * each(network) for each, share in shares if share > 0.0))
 
     def answer(
         self, outputs: FloatArray, log_odds: float, spread: FloatArray, line_m_s: FloatArray, places_m: FloatArray
@@ -166,19 +164,19 @@ class WalkerModel:
         newest position to the mean of the places, weighted by the softmax of their logits.
 
         Args:
-            outputs: Outputs of the networks, shape (2 E, N_OUTPUTS).
-            log_odds: Log-odds of walking, see `log_odds_of`; in place of the ensemble's mean.
+            outputs: Outputs of the networks, shape (2, N_OUTPUTS).
+            log_odds: Log-odds of walking, see `log_odds_of`; in place of the mean of the outputs.
             spread: Inputs of the uncertainty model, shape (N_SPREAD,).
             line_m_s: Velocity of the line along, across and up, shape (3,).
             places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres.
 
         Returns:
-            Departures, mean over the ensemble, shape (knots, 3), metres along, across and up. Features for
-            `spread_m`, shape (N_DOUBT,): `spread`, the size of the departure, the standard deviation over the
-            ensemble, the distance between the two regimes, and the probability of walking.
+            Departures, mean of input and mirror image, shape (knots, 3), metres along, across and up. Features for
+            `spread_m`, shape (N_DOUBT,): `spread`, the size of the departure, the difference between input and mirror
+            image, the distance between the two regimes, and the probability of walking.
         """
         track = np.concatenate([places_m.ravel(), line_m_s, [log_odds, *self.decision]])
-        departure, doubt = _mixture(len(outputs))(outputs.ravel(), track)
+        departure, doubt = _MIXTURE(outputs.ravel(), track)
         return departure.reshape(KNOTS_S.size, 3), np.concatenate([spread, doubt])
 
     def spread_m(self, doubt: FloatArray) -> FloatArray:
@@ -200,23 +198,18 @@ class WalkerModel:
 
 
 def log_odds_of(outputs: FloatArray) -> float:
-    """Mean log-odds of walking of the networks' outputs."""
-    return math.fsum(outputs[:, WALKS].tolist()) / len(outputs)
+    """Mean log-odds of walking of input and mirror image."""
+    return 0.5 * math.fsum(outputs[:, WALKS].tolist())
 
 
 @cache
-def _mixture(networks: int) -> Compiled:
-    return Compiled(partial(_mixture_of, networks))
-
-
-@cache
-def _mixture_of(networks: int) -> ca.Function:
+def _mixture() -> ca.Function:
     """Function of outputs and track to the departure and its features, see `WalkerModel.answer`."""
-    flat, track = ca.SX.sym("outputs", networks * N_OUTPUTS), ca.SX.sym("track", 3 * N_PLACES + 6)
+    flat, track = ca.SX.sym("outputs", 2 * N_OUTPUTS), ca.SX.sym("track", 3 * N_PLACES + 6)
     places_m = ca.reshape(track[: 3 * N_PLACES], 3, N_PLACES)
     line_m_s, (log_odds, slope, threshold) = track[-6:-3], ca.vertsplit(track[-3:])
     columns = ca.vertsplit(flat, N_OUTPUTS)
-    log_odds -= ca.sum1(ca.vertcat(*(column[WALKS] for column in columns))) / networks
+    log_odds -= 0.5 * (columns[0][WALKS] + columns[1][WALKS])
     begin_m = places_m[:, 0] @ (1.0 - _RETURNED)[None] - line_m_s @ KNOTS_S[None]
     probabilities, means_m, between_m2 = [], [], []
     for column in columns:
@@ -227,17 +220,20 @@ def _mixture_of(networks: int) -> ca.Function:
         probabilities.append(p)
         means_m.append(stay_m + p * apart_m)
         between_m2.append(p * (1.0 - p) * ca.sumsqr(apart_m[:2, _FAR]))
-    departure_m = reduce(add, means_m) / networks
-    # Disagreement in the horizontal plane, where turns take place.
-    off_m2 = [ca.sumsqr(each[:2, _FAR] - departure_m[:2, _FAR]) for each in means_m]
+    departure_m = 0.5 * (means_m[0] + means_m[1])
+    # Half the difference, in the horizontal plane, where turns take place.
+    off_m = 0.5 * (means_m[0] - means_m[1])[:2, _FAR]
     sizes_m = ca.vertcat(departure_m[1, _NEAR], departure_m[1, _FAR], departure_m[0, _FAR])
     doubt = ca.vertcat(
         ca.fmin(ca.fabs(sizes_m) / _USUAL_DEPARTURE_M, _LARGEST_SIZE),
-        ca.log1p(ca.sqrt(reduce(add, off_m2) / networks) / _USUAL_DISAGREEMENT_M),
-        ca.log1p(ca.sqrt(reduce(add, between_m2) / networks) / _USUAL_DISAGREEMENT_M),
-        reduce(add, probabilities) / networks,
+        ca.log1p(ca.norm_2(off_m) / _USUAL_DISAGREEMENT_M),
+        ca.log1p(ca.sqrt(0.5 * (between_m2[0] + between_m2[1])) / _USUAL_DISAGREEMENT_M),
+        0.5 * (probabilities[0] + probabilities[1]),
     )
     return ca.Function("mixture", [flat, track], [ca.vec(departure_m), doubt])
+
+
+_MIXTURE = Compiled(_mixture)
 
 
 # Growth exponent of the error beyond the last knot: the velocity as a random walk.

@@ -9,12 +9,12 @@ from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS
-from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, Ensemble, WalkerModel
+from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, Network, WalkerModel
 
 # Network layers with zero departure and the regime walking for all people.
-_WALKING = np.zeros((1, 1, N_OUTPUTS), dtype=np.float32)
-_WALKING[..., WALKS] = 100.0
-NOTHING = Ensemble((np.zeros((1, N_INPUTS, N_OUTPUTS), dtype=np.float32),), (_WALKING,))
+_WALKING = np.zeros(N_OUTPUTS, dtype=np.float32)
+_WALKING[WALKS] = 100.0
+NOTHING = Network((np.zeros((N_INPUTS, N_OUTPUTS), dtype=np.float32),), (_WALKING,))
 AHEAD_S = np.array([0.0, 0.1, 0.25, 0.5, 1.0, 1.4])
 
 
@@ -25,17 +25,17 @@ def random_model(seed=0, size=0.1, degrees_of_freedom=5.0):
     sizes = ((N_INPUTS, 7), (7, 7), (7, N_OUTPUTS))
 
     def layers():
-        weights = tuple(size * rng.standard_normal((2, *shape)).astype(np.float32) for shape in sizes)
-        biases = tuple(size * rng.standard_normal((2, 1, shape[1])).astype(np.float32) for shape in sizes)
-        return Ensemble(weights, biases)
+        weights = tuple(size * rng.standard_normal(shape).astype(np.float32) for shape in sizes)
+        biases = tuple(size * rng.standard_normal(shape[1]).astype(np.float32) for shape in sizes)
+        return Network(weights, biases)
 
-    ensembles = layers(), layers()
+    networks = layers(), layers()
     log_spread = 0.1 * size * rng.standard_normal((N_DOUBT, KNOTS_S.size, 3))
     log_spread[0] = np.log(0.05) + np.linspace(0.0, 1.0, KNOTS_S.size)[:, None]
     noise_share = np.linspace(0.5, 0.8, KNOTS_S.size)
     hidden, log_spread_hidden = (size * rng.standard_normal(shape) for shape in ((N_DOUBT, 5), (5, KNOTS_S.size, 3)))
     return WalkerModel(
-        *ensembles, log_spread, hidden, log_spread_hidden, noise_share, degrees_of_freedom=degrees_of_freedom
+        *networks, log_spread, hidden, log_spread_hidden, noise_share, degrees_of_freedom=degrees_of_freedom
     )
 
 

@@ -13,16 +13,16 @@ from builders.walkers import NOTHING, straight_model
 
 from experiments.fit.command import fit, main
 from experiments.fit.examples import Examples
-from experiments.fit.networks import fit_networks
+from experiments.fit.networks import fit_network
 from experiments.fit.spread import errors_on_left_out
 from predictors.walker.model_file import load_walker_model
-from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, Ensemble, WalkerModel
+from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, Network, WalkerModel
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def settings(folder, **changes):
-    plain = {"variants": 2, "networks": 1, "steps": 20, "jobs": 1, "out": folder}
+    plain = {"variants": 2, "steps": 20, "jobs": 1, "out": folder}
     return {"recordings": ("subject01_R1", "subject02_R4"), **plain, **changes}
 
 
@@ -32,24 +32,24 @@ def finished(tmp_path_factory, in_this_process):
     folder = tmp_path_factory.mktemp("finished")
     slow = folder / "slow.toml"
     slow.write_text('name = "slow"\nsource = "a test"\nrate_hz = 5.0\nlatency_s = 0.1\n')
-    words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--networks", "1", "--steps", "20"]
+    words = ["--recordings", "subject01_R1", "subject02_R4", "--variants", "2", "--steps", "20"]
     output = io.StringIO()
     with redirect_stdout(output), pytest.MonkeyPatch.context() as patch:
-        patch.setattr("experiments.fit.networks.fit_networks", fitted_once())
+        patch.setattr("experiments.fit.networks.fit_network", fitted_once())
         assert main([*words, "--tracker", str(slow), "--jobs", "1", "--out", str(folder / "fit")]) == 0
     assert "--walker.fitted" in output.getvalue()
     return folder / "fit"
 
 
 def fitted_once():
-    """Fits the first networks; the others are copies scaled by their own examples, as JAX takes seconds for each."""
-    first = functools.cache(lambda: fit_networks(Examples(*(column[:30] for column in seen[0])), *seen[1]))
+    """Fits the first network; the others are copies scaled by their own examples, as JAX takes seconds for each."""
+    first = functools.cache(lambda: fit_network(Examples(*(column[:30] for column in seen[0])), *seen[1]))
     seen = []
 
     def fit_or_scale(examples, *settings):
         seen[:] = seen or [vars(examples).values(), settings]
-        weights, biases = first()
-        return [weight * (1.0 + np.nanmean(np.abs(examples.departure_m))) for weight in weights], biases
+        scale = np.float32(1.0 + np.nanmean(np.abs(examples.departure_m)))
+        return Network(tuple(scale * weights for weights in first().weights), first().biases)
 
     return fit_or_scale
 
@@ -74,7 +74,7 @@ def constant_model(value):
     """A model with a constant departure along the line: `value` at each knot, in units of its scale."""
     bias = NOTHING.biases[0].copy()
     bias[..., DEPARTURES][..., ::3] = value
-    return WalkerModel(*2 * (Ensemble(NOTHING.weights, (bias,)),), straight_model().log_spread)
+    return WalkerModel(*2 * (Network(NOTHING.weights, (bias,)),), straight_model().log_spread)
 
 
 def test_errors_are_by_the_model_fitted_without_the_person():

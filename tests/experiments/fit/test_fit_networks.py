@@ -9,27 +9,26 @@ from scipy.special import softmax
 from scipy.stats import f as f_distribution
 
 from experiments.fit.command import FitSettings
-from experiments.fit.networks import fit_networks, model_of, seen_distance2
+from experiments.fit.networks import fit_network, model_of, seen_distance2
 from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
 from predictors.walker.model_file import load_walker_model
-from predictors.walker.network import KNOTS_S, N_OUTPUTS, PLACES, WALKS, Ensemble, WalkerModel
+from predictors.walker.network import KNOTS_S, N_OUTPUTS, PLACES, WALKS, WalkerModel
 
 
 @pytest.mark.slow
 def test_fits_reduce_error_and_are_reproducible_and_blind_ones_ignore_yaws():
     """Orientation inputs of head and pelvis have no effect on blind networks."""
     examples, other = toy(2000, 0), toy(1000, 1)
-    fits = [fit_networks(examples, 3, 2, 80, sees_yaws=False) for _ in range(2)]
-    for a, b in zip(fits[0][0], fits[1][0], strict=True):
-        np.testing.assert_array_equal(a, b)
-    weights, biases = fits[0]
-    assert (weights[0].shape[:2], weights[-1].shape[-1]) == ((2, N_INPUTS), N_OUTPUTS)
+    blind, again = (fit_network(examples, 3, 80, sees_yaws=False) for _ in range(2))
+    np.testing.assert_equal(vars(blind), vars(again))
+    first = blind.weights[0]
+    assert (len(first), blind.weights[-1].shape[-1]) == (N_INPUTS, N_OUTPUTS)
     hidden = np.zeros(N_INPUTS, dtype=bool)
     hidden[OF_YAWS] = True
-    assert not weights[0][:, hidden].any()
-    assert weights[0][:, ~hidden].any(axis=2).all()
-    model = WalkerModel(*2 * (Ensemble(weights, biases),), straight_model().log_spread)
+    assert not first[hidden].any()
+    assert first[~hidden].any(axis=1).all()
+    model = WalkerModel(blind, blind, straight_model().log_spread)
     error = Found.by(model, other).error_m
     known = np.isfinite(error[:, 4, 1])
     assert np.mean(np.abs(error[known, 4, 1])) < 0.5 * np.mean(np.abs(other.departure_m[known, 4, 1]))
@@ -44,8 +43,8 @@ def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
     examples = toy(2000, 0)
     examples.places_m[:, 1] = np.random.default_rng(2).normal(0.0, 0.2, (2000, 3))
     examples.departure_m[:] = 0.6 * (1.0 - np.exp(-KNOTS_S / 0.5))[:, None] * examples.places_m[:, 1:2]
-    ensemble = Ensemble(*fit_networks(examples, 0, 1, 1500))
-    outputs = np.array([ensemble(network)[0] for network in examples.network.astype(float)])
+    fitted = fit_network(examples, 0, 1500)
+    outputs = np.array([fitted(network)[0] for network in examples.network.astype(float)])
     logits, stays = outputs[:, PLACES], 1.0 / (1.0 + np.exp(outputs[:, WALKS]))
     # The return of the forecast to the same place has another profile.
     place_m = np.einsum("np,npc->nc", softmax(logits, axis=1), examples.places_m)

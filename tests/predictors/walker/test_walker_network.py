@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from builders.walkers import NOTHING, random_model
+from builders.walkers import random_model
 from scipy.interpolate import CubicSpline
 
 from gazempc.errors import SettingsError
@@ -26,16 +26,13 @@ from predictors.walker.network import (
 )
 
 
-def layers(ensemble, inputs):
-    """Each network's outputs, layer by layer, shape (E, outputs)."""
-    found = []
-    for k in range(ensemble.weights[0].shape[0]):
-        h = inputs
-        for i, (w, b) in enumerate(zip(ensemble.weights, ensemble.biases, strict=True)):
-            h = h @ w[k].astype(float) + b[k, 0]
-            h = np.tanh(h) if i < len(ensemble.weights) - 1 else h
-        found.append(h)
-    return np.array(found)
+def layers(network, inputs):
+    """Outputs, layer by layer, shape (1, outputs)."""
+    h = inputs
+    for i, (w, b) in enumerate(zip(network.weights, network.biases, strict=True)):
+        h = h @ w.astype(float) + b
+        h = np.tanh(h) if i < len(network.weights) - 1 else h
+    return h[None]
 
 
 def motion_of(outputs, line_m_s, places_m):
@@ -51,15 +48,15 @@ def motion_of(outputs, line_m_s, places_m):
     return departures, at_m - KNOTS_S[:, None] * line_m_s, outputs[:, k]
 
 
-@pytest.mark.parametrize(("ensemble", "known"), [("seeing", (1.0, 1.0)), ("seeing", (0.0, 1.0)), ("blind", (0.0, 0.0))])
+@pytest.mark.parametrize(("network", "known"), [("seeing", (1.0, 1.0)), ("seeing", (0.0, 1.0)), ("blind", (0.0, 0.0))])
 @pytest.mark.parametrize("log_odds", [None, 0.7])
-def test_departure_is_the_mean_over_regimes_networks_and_mirror_images(ensemble, known, log_odds):
-    """With the networks for tracks with orientation, or without."""
+def test_departure_is_the_mean_over_regimes_and_mirror_images(network, known, log_odds):
+    """With the network for tracks with orientation, or without."""
     rng, model = np.random.default_rng(3), dataclasses.replace(random_model(), decision=(1.5, 0.3))
     x, spread = rng.standard_normal(N_INPUTS), rng.standard_normal(N_SPREAD)
     x[KNOWN], line_m_s, places_m = known, rng.standard_normal(3), 0.1 * rng.standard_normal((N_PLACES, 3))
-    own = motion_of(layers(getattr(model, ensemble), x), line_m_s, places_m)
-    turned = motion_of(layers(getattr(model, ensemble), x * MIRROR), line_m_s * [1, -1, 1], places_m * [1, -1, 1])
+    own = motion_of(layers(getattr(model, network), x), line_m_s, places_m)
+    turned = motion_of(layers(getattr(model, network), x * MIRROR), line_m_s * [1, -1, 1], places_m * [1, -1, 1])
     mirrored = turned[0] * [1, -1, 1], turned[1] * [1, -1, 1], turned[2]
     walk, stay, logit = (np.concatenate(pair) for pair in zip(own, mirrored, strict=True))
     outputs = model.outputs(x)
@@ -131,7 +128,6 @@ GOOD = random_model()
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"blind": NOTHING}, "numbers of networks"),
         ({"hidden": GOOD.hidden[:-1]}, "hidden: an array of shape"),
         ({"hidden": GOOD.hidden * np.inf}, "expected finite numbers"),
         ({"degrees_of_freedom": 2.0}, "expected more than 2"),
@@ -146,7 +142,7 @@ def test_invalid_model_values_are_refused(change, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"weights": (GOOD.seeing.weights[0][:, :-1], *GOOD.seeing.weights[1:])}, "weights of layer 1"),
+        ({"weights": (GOOD.seeing.weights[0][:-1], *GOOD.seeing.weights[1:])}, "weights of layer 1"),
         ({"weights": GOOD.seeing.weights[:-1], "biases": GOOD.seeing.biases[:-1]}, "weights of layer 2"),
         ({"biases": GOOD.seeing.biases[:-1]}, "one bias a layer"),
         ({"weights": (np.float32(0.0), *GOOD.seeing.weights[1:])}, "weights of layer 1"),
