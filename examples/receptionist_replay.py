@@ -17,4 +17,4 @@ print(f"contact with them {found.contact_attended:.0%} of the time, {found.switc
 # It prints:
 # 0.1 s: person 2 (policy)
 # 1.8 s: person 1 (policy)
-# contact with them 71% of the time, 13 switches a minute
+# contact with them 72% of the time, 13 switches a minute
