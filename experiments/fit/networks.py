@@ -22,9 +22,9 @@ from predictors.walker.features import CORRELATION, LOG_SD, N_INPUTS, NOISE_SCAL
 
 Float32Array = NDArray[np.float32]
 
-# Chosen with 43 recordings of walking and 7 of standing people left out, together with 280 variants of each recording:
-# 96 and 64 units have 5 to 9 % larger errors with precise trackers, at 140 variants as at 280; 384 and 256 units reduce
-# errors by at most 1 %, and so does a second network.
+# Hidden units, chosen together with 280 variants of each recording, with 43 recordings of walking and 7 of standing
+# people left out: 96 and 64 units have 5 to 9 % larger errors with precise trackers, at 140 variants as at 280; 384 and
+# 256 units reduce errors by at most 2 %, a second network by at most 1 %.
 HIDDEN = (256, 192)
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
 # Initial logits: walking with high probability, and the newest position as the place of staying.

@@ -40,11 +40,12 @@ _BOTH_SIDES, _OF_BOTH_SIDES = np.stack([np.ones(N_INPUTS), MIRROR]), np.ones((2,
 _OF_BOTH_SIDES[:, DEPARTURES] = np.repeat(DEPARTURE_SCALE_M, 3)
 _OF_BOTH_SIDES[1, 1 : DEPARTURES.stop : 3] *= -1.0
 # Features of the uncertainty model: N_SPREAD inputs; size of the departure across at 0.5 s, across and along at 1 s;
-# difference between input and mirror image; distance between walking and staying; probability of walking.
+# half the distance at 1 s between the forecasts for input and mirror image; distance between walking and staying;
+# probability of walking.
 N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
 _USUAL_DEPARTURE_M, _LARGEST_SIZE = np.array([0.06, 0.2, 0.2]), 4.0
-_USUAL_DISAGREEMENT_M = 0.02
+_USUAL_DISTANCE_M = 0.02
 
 
 class WalkerModelError(ValueError):
@@ -58,7 +59,7 @@ def _check(array: NDArray[Any], name: str, shape: tuple[int, ...]) -> None:
 
 @dataclass(frozen=True)
 class Network:
-    """A network with tanh units.
+    """A feedforward network with tanh hidden units and a linear output layer.
 
     Attributes:
         weights: One array a layer, shape (inputs, outputs).
@@ -79,16 +80,16 @@ class Network:
             _check(w, f"weights of layer {layer}", (rows, columns))
             _check(b, f"biases of layer {layer}", (columns,))
 
-    def __call__(self, network: FloatArray) -> FloatArray:
+    def __call__(self, inputs: FloatArray) -> FloatArray:
         """Outputs for an input and for its mirror image.
 
         Args:
-            network: Input, shape (N_INPUTS,).
+            inputs: Shape (N_INPUTS,).
 
         Returns:
             Shape (2, N_OUTPUTS): departures in metres along, across and up, logits.
         """
-        h = (_BOTH_SIDES * network).astype(np.float32) @ self.weights[0] + self.biases[0]
+        h = (_BOTH_SIDES * inputs).astype(np.float32) @ self.weights[0] + self.biases[0]
         for w, b in zip(self.weights[1:], self.biases[1:], strict=True):
             h = np.tanh(h) @ w + b
         return h * _OF_BOTH_SIDES
@@ -171,9 +172,9 @@ class WalkerModel:
             places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres.
 
         Returns:
-            Departures, mean of input and mirror image, shape (knots, 3), metres along, across and up. Features for
-            `spread_m`, shape (N_DOUBT,): `spread`, the size of the departure, the difference between input and mirror
-            image, the distance between the two regimes, and the probability of walking.
+            Departures, mean over the forecasts for the input and its mirror image, shape (knots, 3), metres along,
+            across and up. Features for `spread_m`, shape (N_DOUBT,): `spread`, the size of the departure, half the
+            distance between the two forecasts, the distance between the two regimes, and the probability of walking.
         """
         track = np.concatenate([places_m.ravel(), line_m_s, [log_odds, *self.decision]])
         departure, doubt = _MIXTURE(outputs.ravel(), track)
@@ -198,7 +199,7 @@ class WalkerModel:
 
 
 def log_odds_of(outputs: FloatArray) -> float:
-    """Mean log-odds of walking of input and mirror image."""
+    """Mean log-odds of walking over the input and its mirror image."""
     return 0.5 * math.fsum(outputs[:, WALKS].tolist())
 
 
@@ -221,13 +222,13 @@ def _mixture() -> ca.Function:
         means_m.append(stay_m + p * apart_m)
         between_m2.append(p * (1.0 - p) * ca.sumsqr(apart_m[:2, _FAR]))
     departure_m = 0.5 * (means_m[0] + means_m[1])
-    # Half the difference, in the horizontal plane, where turns take place.
+    # In the horizontal plane, where turns take place.
     off_m = 0.5 * (means_m[0] - means_m[1])[:2, _FAR]
     sizes_m = ca.vertcat(departure_m[1, _NEAR], departure_m[1, _FAR], departure_m[0, _FAR])
     doubt = ca.vertcat(
         ca.fmin(ca.fabs(sizes_m) / _USUAL_DEPARTURE_M, _LARGEST_SIZE),
-        ca.log1p(ca.norm_2(off_m) / _USUAL_DISAGREEMENT_M),
-        ca.log1p(ca.sqrt(0.5 * (between_m2[0] + between_m2[1])) / _USUAL_DISAGREEMENT_M),
+        ca.log1p(ca.norm_2(off_m) / _USUAL_DISTANCE_M),
+        ca.log1p(ca.sqrt(0.5 * (between_m2[0] + between_m2[1])) / _USUAL_DISTANCE_M),
         0.5 * (probabilities[0] + probabilities[1]),
     )
     return ca.Function("mixture", [flat, track], [ca.vec(departure_m), doubt])

@@ -1,4 +1,4 @@
-"""The default predictor: constant-velocity extrapolation, and small networks for the departure from it."""
+"""The default predictor: constant-velocity extrapolation, and feedforward networks for the departure from it."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from scipy.special import softmax
 from scipy.stats import f as f_distribution
 
 from experiments.fit.command import FitSettings
-from experiments.fit.networks import fit_network, model_of, seen_distance2
+from experiments.fit.networks import HIDDEN, fit_network, model_of, seen_distance2
 from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
 from predictors.walker.model_file import load_walker_model
@@ -54,11 +54,18 @@ def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
 
 def test_the_shipped_model_has_the_settings_and_the_decision_of_a_fit_by_default():
     shipped = load_walker_model()
+    assert {"variants", "steps", "seed"} == shipped.about["settings"].keys()
     for name, value in shipped.about["settings"].items():
         assert FitSettings.model_fields[name].default == value, name
-    layers = {f"weights_{i}": layer for i, layer in enumerate(shipped.seeing.weights)}
-    layers |= {f"biases_{i}": layer for i, layer in enumerate(shipped.seeing.biases)}
-    assert model_of([layers] * 2, "").decision == shipped.decision
+    rows = [
+        {f"{what}_{i}": layer for what, layers in vars(network).items() for i, layer in enumerate(layers)}
+        for network in (shipped.seeing, shipped.blind)
+    ]
+    again = model_of(rows, "")
+    assert again.decision == shipped.decision
+    for name in ("seeing", "blind"):
+        np.testing.assert_equal(vars(getattr(again, name)), vars(getattr(shipped, name)))
+        assert tuple(b.size for b in getattr(shipped, name).biases[:-1]) == HIDDEN
 
 
 def test_errors_are_weighted_by_the_inverse_covariance():

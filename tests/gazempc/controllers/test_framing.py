@@ -142,7 +142,7 @@ def test_a_walker_is_kept_in_the_zone_within_the_limits_of_the_picture():
     assert metrics.time_in_zone > 0.95
     assert metrics.limit_violations == 0
     assert metrics.peak_acceleration_rad_s2 <= 0.8 * np.radians(VIEW_DEG[0]) * 1.01
-    assert metrics.rms_acceleration_rad_s2 < 0.8 * plain.rms_acceleration_rad_s2
+    assert metrics.rms_acceleration_rad_s2 < 0.9 * plain.rms_acceleration_rad_s2
 
 
 def test_a_zone_has_no_margin_warning():

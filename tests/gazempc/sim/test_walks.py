@@ -59,7 +59,7 @@ MEASURED_DEG = {
 
 
 def test_gaze_errors_on_real_walks_are_as_measured(walks_dir):
-    """As measured: 12.7 deg without prediction; on the face for 2.6 % of the time, with prediction 93 and 92 %."""
+    """As measured: 12.7 deg without prediction; on the face for 2.6 % of the time, with prediction for 94 %."""
     results = measured(walks_dir)
     means_deg = {(controller, group): mean_rms(results, controller, group) for controller, group in MEASURED_DEG}
     assert [key for key, mean_deg in means_deg.items() if mean_deg >= 1.15 * MEASURED_DEG[key]] == [], means_deg

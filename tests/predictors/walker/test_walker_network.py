@@ -27,12 +27,12 @@ from predictors.walker.network import (
 
 
 def layers(network, inputs):
-    """Outputs, layer by layer, shape (1, outputs)."""
+    """Outputs, layer by layer, shape (outputs,)."""
     h = inputs
     for i, (w, b) in enumerate(zip(network.weights, network.biases, strict=True)):
         h = h @ w.astype(float) + b
         h = np.tanh(h) if i < len(network.weights) - 1 else h
-    return h[None]
+    return h
 
 
 def motion_of(outputs, line_m_s, places_m):
@@ -55,8 +55,8 @@ def test_departure_is_the_mean_over_regimes_and_mirror_images(network, known, lo
     rng, model = np.random.default_rng(3), dataclasses.replace(random_model(), decision=(1.5, 0.3))
     x, spread = rng.standard_normal(N_INPUTS), rng.standard_normal(N_SPREAD)
     x[KNOWN], line_m_s, places_m = known, rng.standard_normal(3), 0.1 * rng.standard_normal((N_PLACES, 3))
-    own = motion_of(layers(getattr(model, network), x), line_m_s, places_m)
-    turned = motion_of(layers(getattr(model, network), x * MIRROR), line_m_s * [1, -1, 1], places_m * [1, -1, 1])
+    own = motion_of(layers(getattr(model, network), x)[None], line_m_s, places_m)
+    turned = motion_of(layers(getattr(model, network), x * MIRROR)[None], line_m_s * [1, -1, 1], places_m * [1, -1, 1])
     mirrored = turned[0] * [1, -1, 1], turned[1] * [1, -1, 1], turned[2]
     walk, stay, logit = (np.concatenate(pair) for pair in zip(own, mirrored, strict=True))
     outputs = model.outputs(x)
@@ -145,6 +145,8 @@ def test_invalid_model_values_are_refused(change, message):
         ({"weights": (GOOD.seeing.weights[0][:-1], *GOOD.seeing.weights[1:])}, "weights of layer 1"),
         ({"weights": GOOD.seeing.weights[:-1], "biases": GOOD.seeing.biases[:-1]}, "weights of layer 2"),
         ({"biases": GOOD.seeing.biases[:-1]}, "one bias a layer"),
+        ({"weights": (GOOD.seeing.weights[0][None], *GOOD.seeing.weights[1:])}, "weights of layer 1"),
+        ({"biases": (GOOD.seeing.biases[0][None], *GOOD.seeing.biases[1:])}, "biases of layer 1"),
         ({"weights": (np.float32(0.0), *GOOD.seeing.weights[1:])}, "weights of layer 1"),
         ({"biases": (GOOD.seeing.biases[0] * np.inf, *GOOD.seeing.biases[1:])}, "biases of layer 1: .* finite"),
     ],
