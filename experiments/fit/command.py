@@ -25,8 +25,7 @@ from gazempc.loop.build import FOLDS, MODEL_FILE
 from gazempc.recordings.load import load
 from gazempc.results.run_summary import versions
 from gazempc.sim.sensor import SensorSpec, load_sensor
-from predictors.walker.model_file import save_walker_model
-from predictors.walker.network import WalkerModel
+from predictors.walker.network import WalkerModel, save_walker_model
 
 _FEWEST_PEOPLE = 2
 _COMPUTE = ("python", "gazempc", "numpy", "scipy")

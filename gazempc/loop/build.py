@@ -26,8 +26,7 @@ from gazempc.people.schedule import LookAways
 from gazempc.settings import GazeSettings, PredictorSettings
 from gazempc.types import FloatArray
 from predictors import Predictor
-from predictors.walker.model_file import load_walker_model, shipped_walker_model
-from predictors.walker.network import WalkerModel, WalkerModelError
+from predictors.walker.network import WalkerModel, WalkerModelError, load_walker_model, shipped_walker_model
 
 # Names in a folder that `experiments.fit` writes: the model of all people, and the folder of those without one person.
 MODEL_FILE, FOLDS = "walker.npz", "left_out"

@@ -13,7 +13,7 @@ from experiments.compare import main
 from experiments.engine.job import models_hash
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.settings import WalkerSettings
-from predictors.walker.model_file import save_walker_model, shipped_walker_model
+from predictors.walker.network import save_walker_model, shipped_walker_model
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

@@ -15,8 +15,7 @@ from experiments.fit.command import fit, main
 from experiments.fit.examples import Examples
 from experiments.fit.networks import fit_network
 from experiments.fit.spread import errors_on_left_out
-from predictors.walker.model_file import load_walker_model
-from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, Network, WalkerModel
+from predictors.walker.network import DEPARTURE_SCALE_M, DEPARTURES, Network, WalkerModel, load_walker_model
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 

@@ -14,7 +14,6 @@ from gazempc.loop.build import Person, make_predictor, walker_model
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
-from predictors.walker.model_file import load_walker_model, save_walker_model
 from predictors.walker.network import (
     DEPARTURE_SCALE_M,
     KNOTS_S,
@@ -22,7 +21,9 @@ from predictors.walker.network import (
     N_OUTPUTS,
     BetweenKnots,
     WalkerModelError,
+    load_walker_model,
     log_odds_of,
+    save_walker_model,
 )
 
 

@@ -20,7 +20,7 @@ from gazempc.recordings.load import load
 from gazempc.recordings.recording import TrueHead
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import ConstantVelocity, HeadObservation, LastPosition, Walker, bearing_covariance
-from predictors.walker.model_file import shipped_walker_model
+from predictors.walker.network import shipped_walker_model
 
 SYNTHETIC = [f"subject{k:02d}_R{k % 6 + 1}" for k in range(1, 15)]
 AHEAD_S = np.array([0.25, 0.5, 1.0])
