@@ -41,7 +41,7 @@ class FitSettings(WorkSettings):
         default=None, description="Fit for one tracker only, a shipped sensor or .toml file; default: random trackers"
     )
     variants: int = Field(
-        default=280, ge=1, le=1000, description="Variants of each recording: bent, at other paces, other trackers ..."
+        default=280, ge=1, le=1000, description="Random variants of each recording, in turns, pace and tracker"
     )
     steps: int = Field(default=16_000, ge=1, description="Steps of gradient descent for each of the two networks")
     seed: int = Field(default=0, ge=0, description="Seed of the random generators")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from experiments.fit.pace import KINDS, at_pace, flatten, prolong, sway, vary_standing
+from experiments.fit.pace import at_pace, flatten, prolong, sway, vary_standing
 from experiments.fit.trackers import USUAL_HZ, beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError
@@ -25,7 +25,8 @@ from predictors.walker.predictor import Walker
 # Two of three variants keep recorded pace and gait. With fewer of these, errors on recorded walks grow by a tenth; with
 # more, errors on other people do.
 _PLAIN = (True, True, False)
-_PACES = dict(zip(KINDS, (0.15, 0.28, 0.27, 0.15, 0.15), strict=True))
+# Probability of each pace of the other variants: recorded, or a kind of `at_pace`.
+_PACES = {"own": 0.15, "steady": 0.28, "start": 0.27, "stop": 0.15, "stand": 0.15}
 _LONG_S = 8.0
 # Shares of the examples with scaled gait, and at constant height: many trackers are planar.
 _SWAY_SHARE, _SWAY_FACTOR, _FLAT_SHARE = 0.5, (0.6, 2.0), 0.5
@@ -51,7 +52,7 @@ class Examples:
         noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros if none is stated.
         departure_m: True departure from the line, shape (N, knots, 3), metres along, across, up; NaN past the end.
         weight: Weight of each example, shape (N,).
-        line_m_s: Velocity of the line along, across and up, shape (N, 3).
+        line_m_s: Velocity of the line along, across and up, shape (N, 3), m/s.
         places_m: Candidate places of staying, shape (N, N_PLACES, 3), metres.
     """
 
@@ -76,7 +77,9 @@ def join(parts: Sequence[T]) -> T:
 def _joined(parts: list[Examples], name: str) -> Examples:
     known = [p for p in parts if p.weight.size]
     if not known:
-        raise GazempcError(f"{name}: every observed person is faster than 3 m/s, so it gives no examples: leave it out")
+        raise GazempcError(
+            f"{name}: no examples: the person is motionless or faster than 3 m/s in every frame; leave it out"
+        )
     return join(known)
 
 
@@ -124,7 +127,7 @@ def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | 
         The examples.
 
     Raises:
-        GazempcError: If the recording cannot be read, is too short, or every person in it is faster than 3 m/s.
+        GazempcError: If the recording cannot be read, is too short, or gives no examples.
     """
     name, walk, rng, stands = _walk_and_rng(path, seed)
     plain = [_PLAIN[k % len(_PLAIN)] for k in range(variants)]
@@ -197,7 +200,7 @@ def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) ->
         The examples.
 
     Raises:
-        GazempcError: If the recording cannot be read, is too short, or every person in it is faster than 3 m/s.
+        GazempcError: If the recording cannot be read, is too short, or gives no examples.
     """
     name, walk, rng, stands = _walk_and_rng(path, seed)
     # Errors in recorded turns are larger than in synthetic ones, and recorded turns are rare.

@@ -145,7 +145,7 @@ def fit_network(examples: Examples, seed: int, steps: int, sees_yaws: bool = Tru
 
     initial_logits = np.zeros(walker.N_OUTPUTS)
     initial_logits[walker.WALKS], initial_logits[walker.PLACES.start] = _BEGINS_WALKING, _BEGINS_NEWEST
-    rng = np.random.default_rng([seed, 0])
+    rng = np.random.default_rng([seed, 0])  # with the key below, the streams of the shipped model
     layers = []
     for i, (a, b) in enumerate(pairwise(sizes)):
         is_last = i == len(HIDDEN)
@@ -216,8 +216,7 @@ class NetworkJob:
     def run(self) -> Row:
         """Weights and biases, layer by layer."""
         examples = join([examples_of(read_result(path)) for path in self.examples])
-        network = fit_network(examples, self.seed, self.steps, self.sees_yaws)
-        return {f"{what}_{i}": layer for what, layers in vars(network).items() for i, layer in enumerate(layers)}
+        return fit_network(examples, self.seed, self.steps, self.sees_yaws).arrays()
 
 
 def examples_of(row: Row) -> Examples:
@@ -235,10 +234,6 @@ def model_of(networks: Sequence[Row], key: str) -> walker.WalkerModel:
     Returns:
         The model.
     """
-    layers = range(sum(name.startswith("weights_") for name in networks[0]))
-    seeing, blind = (
-        walker.Network(*(tuple(row[f"{what}_{i}"] for i in layers) for what in ("weights", "biases")))
-        for row in networks
-    )
+    seeing, blind = map(walker.Network.of, networks)
     no_spread = np.zeros((walker.N_DOUBT, walker.KNOTS_S.size, 3))
     return walker.WalkerModel(seeing, blind, no_spread, decision=_DECISION, about={"key": key})

@@ -22,7 +22,6 @@ _SLOWEST_OWN_M_S = 0.4
 _STRIDE_SD_S = 0.3  # of the Gaussian window over which the speed is averaged: about a stride, to retain gait
 # Overlap over which two stretches of gait are matched and cross-faded.
 _JOIN_S = 0.3
-KINDS = ("own", "steady", "start", "stop", "stand")
 
 
 def at_pace(walk: GaplessWalk, kind: str, rng: np.random.Generator) -> GaplessWalk:
@@ -148,6 +147,7 @@ _SWAY_M, _SWAY_TIME_S = (0.002, 0.012), (0.5, 1.5)
 _LARGE_SHARE, _LARGE_SWAY_M, _LARGE_SWAY_TIME_S, _LARGE_YAW_DEG = 0.6, (0.03, 0.2), (0.5, 1.5), (2.0, 20.0)
 # Largest ratio of its s.d. to its correlation time: velocity s.d. up to 0.21 m/s on each axis, peaks above 1 m/s.
 _SWAY_SPEED_M_S = 0.15
+_MARGIN = 100  # frames cut off at each end, where the Gaussian filter reflects the noise
 # Weight shifts (persistent displacement) and fidgets (out and back), as in prolonged standing (Duarte & Zatsiorsky
 # 1999); leans while talking, reaching or gesturing are larger. Mean intervals are shorter than published ones, so that
 # an example of 5 s contains some.
@@ -177,7 +177,7 @@ def idle(n: int, step_s: float, rng: np.random.Generator) -> GaplessWalk:
         rng: Random generator.
 
     Returns:
-        The motion.
+        The motion about the origin: `n` frames from time 0.
     """
     t: FloatArray = np.arange(n, dtype=np.float64) * step_s
     head, pelvis_yaw, head_yaw = _sway_of_standing(n, step_s, rng)
@@ -225,7 +225,8 @@ def _sway_of_standing(n: int, step_s: float, rng: np.random.Generator) -> tuple[
         sd_m = log_uniform(rng, *_LARGE_SWAY_M)
         time_s = max(rng.uniform(*_LARGE_SWAY_TIME_S), sd_m / _SWAY_SPEED_M_S)
         yaws_rad = np.radians(rng.uniform(*_LARGE_YAW_DEG, size=2))
-    found = gaussian_filter1d(rng.standard_normal((n + 200, 5)), time_s / step_s / 2, axis=0)[100 : 100 + n]
+    noise = rng.standard_normal((n + 2 * _MARGIN, 5))
+    found = gaussian_filter1d(noise, time_s / step_s / 2, axis=0)[_MARGIN : _MARGIN + n]
     found *= [sd_m, sd_m, 0.2 * sd_m, *yaws_rad] / np.maximum(found[:, :3].std(), 1e-9)
     return found[:, :3], found[:, 3], found[:, 4]
 

@@ -22,7 +22,7 @@ _YAW_DEG_PER_M, _YAW_FACTORS = 200.0, (0.5, 1.0, 1.0, 1.0, 1.5)
 # Probability of each kind, for unmodified walks and for others.
 _KINDS = ("precise", "white", "wander", "camera", "jumps", "street")
 _PLAIN_SHARES, _OTHER_SHARES = (0.14, 0.40, 0.21, 0.21, 0.04, 0.0), (0.14, 0.26, 0.13, 0.17, 0.0, 0.30)
-# Precise trackers, such as motion capture: white noise of position and yaws.
+# Precise trackers, such as motion capture: white noise of position and yaws; both orientations are measured.
 _PRECISE_M, _PRECISE_YAW_DEG = (0.0, 0.0, 0.0005, 0.001, 0.002, 0.003), (0.0, 0.0, 0.5, 1.0, 2.0)
 # Measured orientations (head, pelvis), with probabilities.
 _ORIENTATIONS, _ORIENTATION_SHARES = (
@@ -37,7 +37,7 @@ _BODY_YAW_DEG, _BODY_YAW_WANDER_DEG, _BODY_YAW_TIME_S = (1.0, 3.0), ((2.0, 11.0)
 # Cameras: relative range error, bearing error; centred on those in bags of a real camera.
 _RANGE_NOISE, _RANGE_WANDER, _RANGE_TIME_S = (0.005, 0.2), (0.01, 0.2), (0.5, 4.0)
 _BEARING_DEG, _CAMERA_YAW_DEG = (0.04, 0.3), (2.0, 6.0)
-# Persistent jumps, in the kinds `jumps`, `wander` and `street`; outliers of single frames, in any.
+# Persistent jumps, in the kinds `jumps`, `wander` and `street`; outliers of single frames, in trackers without jumps.
 _JUMPS = {"duration_min_s": 0.1, "duration_max_s": 0.5, "size_min_m": 0.02}
 _SPIKES = {"size_min_m": 0.1, "size_max_m": 0.5}
 _JUMP_INTERVAL_S, _JUMP_SIZE_M, _SPIKE_INTERVAL_S = (1.0, 5.0), (0.04, 0.2), (0.3, 2.0)
@@ -46,7 +46,7 @@ _WITH_JUMPS, _WITH_SPIKES, _WITH_FAULT = 0.3, 0.06, 0.1
 _BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.5, 0.7
 _STREET_HZ, _SLOW_HZ, _FAST_HZ = (2.5, 5.0, 10.0, 16.0, 25.0, 30.0, 50.0), (2.5, 5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
 _DROPOUT, _LOSS_S, _JITTER_PERIODS = (0.05, 0.5), (0.2, 1.0), (0.1, 0.5)
-_SLOW_SHARE = 0.15
+_SLOW_SHARE, _FAST_SHARE = 0.15, 0.1
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 0.8, 5.0
 # Upsampling rate of walks for higher frame rates, and for frames with jitter.
@@ -62,7 +62,7 @@ def draw_tracker(rng: np.random.Generator, plain: bool) -> tuple[str, SensorSpec
         plain: Whether the walk is unmodified.
 
     Returns:
-        Its kind, one of `_KINDS`, and its model.
+        Its kind (`precise`, `white`, `wander`, `camera`, `jumps` or `street`), and its model.
     """
     fields: dict[str, Any] = {"rate_hz": USUAL_HZ}
     kind = str(rng.choice(_KINDS, p=_PLAIN_SHARES if plain else _OTHER_SHARES))
@@ -174,7 +174,7 @@ def _draw_rate_hz(rng: np.random.Generator) -> float:
     draw = rng.random()
     if draw < _SLOW_SHARE:
         return float(rng.choice(_SLOW_HZ))
-    return float(rng.choice(_FAST_HZ)) if draw < _SLOW_SHARE + _WITH_FAULT else USUAL_HZ
+    return float(rng.choice(_FAST_HZ)) if draw < _SLOW_SHARE + _FAST_SHARE else USUAL_HZ
 
 
 def _faults(rng: np.random.Generator, kind: str, fields: dict[str, Any]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ _PELVIS_LEAD_S, _HEAD_LEAD_S = (-0.05, 0.25), (-0.05, 0.2)
 _PELVIS_TURN_SHARE, _HEAD_TURN_SHARE = (0.5, 1.05), (0.45, 1.0)
 _OFFSET_SD_DEG = (6.0, 3.0)  # of head and pelvis yaw, in addition to the person's own
 _GLANCE_DEG, _GLANCE_TIME_S, _GLANCE_RISE_S = (15.0, 60.0), (0.4, 4.0), 0.25
-PEAK_OF_SMOOTH_STEP = 1.875
+PEAK_OF_SMOOTH_STEP = 1.875  # largest slope of `smooth_step`, 15/8
 _SHORTEST_S = 1.25
 
 
@@ -76,19 +76,19 @@ def walk_of(recording: Recording) -> GaplessWalk:
     return GaplessWalk(times_s, truth.head_position_m[rows], pelvis, head)
 
 
-def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool, own_pace: bool) -> GaplessWalk:
+def vary(walk: GaplessWalk, rng: np.random.Generator, bend_it: bool, varies_pace: bool) -> GaplessWalk:
     """Random variant of a walk.
 
     Args:
         walk: The recorded walk.
         rng: Random generator.
         bend_it: Whether to add turns.
-        own_pace: Whether to change the pace at random.
+        varies_pace: Whether the pace is varied at random.
 
     Returns:
         The variant.
     """
-    if own_pace and rng.random() < 0.35:
+    if varies_pace and rng.random() < 0.35:
         walk = change_pace(walk, rng)
     if bend_it:
         walk = bend(walk, rng)
@@ -210,7 +210,7 @@ def _draw_turn(rng: np.random.Generator) -> tuple[float, float]:
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A random number between two positive bounds, uniform in its logarithm."""
+    """Log-uniform random number between two positive bounds."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 

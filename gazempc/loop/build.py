@@ -30,7 +30,7 @@ from predictors.walker.network import WalkerModel, WalkerModelError, load_walker
 
 # Names in a folder that `experiments.fit` writes: the model of all people, and the folder of those without one person.
 MODEL_FILE, FOLDS = "walker.npz", "left_out"
-# A hundred times the size of the shipped model.
+# Ninety times the size of the shipped model.
 _MOST_MODEL_BYTES = 50 * MEGABYTE
 
 
@@ -137,7 +137,7 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         The model.
 
     Raises:
-        SettingsError: If there is no such model.
+        SettingsError: If the file is missing, too large, damaged, or not a model of the walker.
     """
     if fitted is None:
         return shipped_walker_model()
@@ -146,7 +146,7 @@ def walker_model(fitted: Path | None, person: str) -> WalkerModel:
         left_out = fitted / FOLDS / f"{person}.npz"
         path = left_out if left_out.is_file() else fitted / MODEL_FILE
     try:
-        read_npz(path, _MOST_MODEL_BYTES)
+        read_npz(path, _MOST_MODEL_BYTES)  # refuses oversized and damaged archives before numpy unpacks them
         return load_walker_model(path)
     except WalkerModelError as error:
         raise SettingsError(f"walker.fitted: {error}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -20,7 +20,7 @@ PRIOR_M, PRIOR_FRAMES, MEMORY_FRAMES, _LARGEST_M, _SMALLEST_M = 0.01, 3, 30, 0.0
 _SPAN_S = 0.207
 # Shortest frame interval of a camera; a shorter one means two mixed sources or a clock step.
 STEP_S = 1e-3
-NEVER_S = 1e9  # interval to a frame that does not exist
+NEVER_S = 1e9  # interval before a track's first frame: effectively infinite
 # State of the white noise: covariance without the floor (below 15 frames a second the prior), number of frames, the
 # last three positions and the two intervals between them.
 _COVARIANCE, _FRAMES, _POSITIONS, _INTERVALS = slice(0, 9), 9, slice(10, 19), slice(19, 21)
@@ -39,8 +39,8 @@ FILTERS = (
     (0.05, 0.42),
     (0.0125, 0.42),
 )
-# Limits of the frame interval with which the gait's variance scales.
-USUAL_S, _SHORTEST_S, _LONGEST_S = 1.0 / 30.0, 1e-3, 0.1
+# Usual frame interval, and the longest one with which the gait's variance scales.
+USUAL_S, _LONGEST_S = 1.0 / 30.0, 0.1
 # Prior s.d. of position and velocity of a filter, and rounding: a stated covariance may be nearly singular.
 _FARTHEST_M, _SPEED_SD_M_S, _ROUNDING_M2 = 100.0, 1.0, 1e-6
 # Mean squared innovations: unit, prior and memory, largest ratio to the unit.
@@ -111,6 +111,18 @@ def white_noise_m2(state: FloatArray) -> FloatArray:
     return state[_COVARIANCE].reshape(3, 3) + _FLOOR_M2
 
 
+def third_difference(times_s: Sequence[Any]) -> list[Any]:
+    """Weights of the third divided difference.
+
+    Args:
+        times_s: Four distinct times, floats or CasADi expressions, seconds.
+
+    Returns:
+        Four weights, s^-3.
+    """
+    return [1.0 / math.prod(a - b for b in times_s if b is not a) for a in times_s]
+
+
 def white_noise(state: ca.SX, position_m: ca.SX, dt_s: ca.SX) -> ca.SX:
     """Recursive estimate of the white noise from third divided differences, in which the motion of a walker is small.
 
@@ -124,11 +136,11 @@ def white_noise(state: ca.SX, position_m: ca.SX, dt_s: ca.SX) -> ca.SX:
     """
     intervals_s = ca.vertcat(state[_INTERVALS], dt_s)
     before_s = [ca.sum1(intervals_s[k:]) for k in range(3)] + [0.0]
-    weights = ca.vertcat(*(1.0 / math.prod(b - a for b in before_s if b is not a) for a in before_s))
+    weights = ca.vertcat(*third_difference(before_s))
     positions_m = ca.horzcat(ca.reshape(state[_POSITIONS], 3, 3), position_m)
     off_m = positions_m @ weights / ca.norm_2(weights)
     gain = 1.0 / ca.fmin(state[_FRAMES], MEMORY_FRAMES)
-    # A larger difference counts as one of the largest noise.
+    # Larger differences are clipped to the norm of the largest noise: robust to outliers.
     share = gain * ca.fmin(1.0, 3.0 * _LARGEST_M**2 / ca.fmax(ca.sumsqr(off_m), _SMALLEST_M**2))
     covariance = (1.0 - gain) * state[_COVARIANCE] + share * ca.vec(off_m @ off_m.T)
     valid = ca.logic_and(before_s[0] <= _SPAN_S, ca.mmin(intervals_s) >= STEP_S)
@@ -153,7 +165,7 @@ def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_
         The new states, shape (45, N_FILTERS).
     """
     F: Any = transition(dt_s)
-    frames = ca.fmin(ca.fmax(dt_s, _SHORTEST_S), _LONGEST_S) / USUAL_S
+    frames = ca.fmin(ca.fmax(dt_s, STEP_S), _LONGEST_S) / USUAL_S
     forgets = dt_s / (dt_s + ca.fmin(age_s + _PRIOR_S, _MEMORY_S))
     new = []
     for (psd, gait_m), old in zip(FILTERS, ca.horzsplit(filters), strict=True):
@@ -173,7 +185,7 @@ def filtered(filters: ca.SX, position_m: ca.SX, noise_m2: ca.SX, dt_s: Any, age_
 
 
 def _symmetric(matrix: ca.SX) -> ca.SX:
-    # Only the lower triangle is computed.
+    # A copy of the lower triangle: exactly symmetric, half the operations.
     return ca.tril2symm(ca.tril(matrix))
 
 

@@ -18,6 +18,7 @@ _WALKS_M_S = (0.2, 0.5)
 _NO_DIRECTION_M_S = 1e-6
 # Speeds above walking, between which the networks' departure fades out.
 _RUNS_M_S = (2.2, 3.0)
+# Time since the last observed yaw over which its weight fades out, seconds.
 _YAW_FADES_S = (0.0, 0.5)
 # Mean offsets of pelvis and head yaw: larger ones are attributed to the mounting of a sensor or marker and subtracted,
 # ramped over these ranges of angle and numbers of frames.
@@ -28,6 +29,8 @@ _NOT_FORWARD_RAD = (1.4, 1.9)
 _POSITION_SCALE_M, _VELOCITY_SCALE_M_S, _MEAN_SCALE_M, _YAW_SCALES_RAD = 0.05, 0.15, 0.1, (0.15, 0.2)
 _USUAL_SPEED_M_S, _SPEED_SCALE_M_S, NOISE_SCALE_M = 1.1, 0.3, 0.01
 _SWAY_SCALE_M, _LEAST_SWAY_M = 0.05, 0.002
+_FAST_M_S = 1.7  # input of the stated uncertainty: faster walks are outside the fit's data
+# Limit of the inputs; lower limits of noise, squared innovation and frame rate in logarithms.
 _LARGEST, _SMALLEST_NOISE, _SMALLEST_RATIO2, _LEAST_RATE = 4.0, 0.1, 0.01, 1e-3
 _ROUNDING_M2 = 1e-12  # a stated covariance may be nearly singular
 _STRIDE_S = 1.2  # up to this length the age of a track is an input
@@ -53,9 +56,9 @@ class WalkerInputs:
     """The line of a track, and the inputs of the networks in the line's frame: along, across and up.
 
     Attributes:
-        time_s: Capture time of the newest observation.
-        origin_base_m: Position of the line at that time, shape (3,).
-        velocity_base_m_s: Its velocity, shape (3,).
+        time_s: Capture time of the newest observation, seconds.
+        origin_base_m: Position of the line at that time, shape (3,), metres.
+        velocity_base_m_s: Its velocity, shape (3,), m/s.
         to_base: Rotation from the line's frame to the base frame, shape (3, 3).
         stated_m2: Stated covariance of the position in the base frame, shape (3, 3), square metres; zeros if none is
             stated.
@@ -172,7 +175,7 @@ def _step() -> ca.Function:
         1.0 - of_age,
         bank.USUAL_S / ca.fmax(age_s, bank.USUAL_S),
         *(1.0 - each for each in known),
-        ca.fmin(ca.fmax(speed_m_s - _USUAL_SPEED_M_S, -_USUAL_SPEED_M_S), 0.6),
+        ca.fmin(speed_m_s, _FAST_M_S) - _USUAL_SPEED_M_S,
         1.0 - walks,
         frames,
         is_stated,

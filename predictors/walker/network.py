@@ -6,9 +6,10 @@ import json
 import math
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, reduce
-from itertools import count, pairwise
+from itertools import pairwise
 from operator import add
 from pathlib import Path
 from typing import IO, Any
@@ -16,7 +17,7 @@ from typing import IO, Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 
 from predictors.types import FloatArray
 from predictors.walker.bank import Compiled
@@ -78,11 +79,33 @@ class Network:
 
     def __post_init__(self) -> None:
         if not self.weights or len(self.weights) != len(self.biases):
-            raise WalkerModelError("a network needs one bias a layer")
-        sizes = [N_INPUTS, *(units for b in self.biases[:-1] for units in b.shape[-1:]), N_OUTPUTS]
-        for layer, w, b, (rows, columns) in zip(count(1), self.weights, self.biases, pairwise(sizes)):
-            _check(w, f"weights of layer {layer}", (rows, columns))
-            _check(b, f"biases of layer {layer}", (columns,))
+            raise WalkerModelError("a network needs at least one layer, and one bias a layer")
+        sizes = [N_INPUTS, *(b.size for b in self.biases[:-1]), N_OUTPUTS]
+        for layer, w, b, shape in zip(range(1, len(sizes)), self.weights, self.biases, pairwise(sizes), strict=True):
+            _check(w, f"weights of layer {layer}", shape)
+            _check(b, f"biases of layer {layer}", shape[1:])
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, Any], prefix: str = "") -> Network:
+        """The network of named arrays.
+
+        Args:
+            arrays: Arrays by name, as from `arrays`.
+            prefix: Prefix of their names.
+
+        Returns:
+            The network.
+
+        Raises:
+            KeyError: If an array is missing.
+            WalkerModelError: If a shape is wrong or a number is not finite.
+        """
+        layers = range(sum(name.startswith(f"{prefix}weights_") for name in arrays))
+        return cls(*(tuple(arrays[f"{prefix}{what}_{i}"] for i in layers) for what in ("weights", "biases")))
+
+    def arrays(self, prefix: str = "") -> dict[str, Float32Array]:
+        """Weights and biases by name and layer, such as ``weights_0``, after a prefix."""
+        return {f"{prefix}{what}_{i}": layer for what, layers in vars(self).items() for i, layer in enumerate(layers)}
 
     def __call__(self, inputs: FloatArray) -> FloatArray:
         """Outputs for an input and for its mirror image.
@@ -120,7 +143,8 @@ class WalkerModel:
         about: Provenance: recordings, people, command, versions, errors on people left out.
 
     Raises:
-        WalkerModelError: If a shape is wrong or a number is not finite.
+        WalkerModelError: If a shape is wrong, a number is not finite, the slope of the decision is not positive, or
+            there are at most 2 degrees of freedom.
     """
 
     seeing: Network
@@ -172,7 +196,7 @@ class WalkerModel:
             outputs: Outputs of the networks, shape (2, N_OUTPUTS).
             log_odds: Log-odds of walking, see `log_odds_of`; in place of the mean of the outputs.
             spread: Inputs of the uncertainty model, shape (N_SPREAD,).
-            line_m_s: Velocity of the line along, across and up, shape (3,).
+            line_m_s: Velocity of the line along, across and up, shape (3,), m/s.
             places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres.
 
         Returns:
@@ -197,7 +221,7 @@ class WalkerModel:
         log_spread = doubt @ self.log_spread.reshape(N_DOUBT, -1)
         log_spread += np.tanh(doubt @ self.hidden) @ self.log_spread_hidden.reshape(-1, 3 * KNOTS_S.size)
         own_m = np.exp(np.minimum(np.maximum(log_spread, _LOG_SPREAD_RANGE[0]), _LOG_SPREAD_RANGE[1])).reshape(-1, 3)
-        # This form of the factor also holds for a normal distribution.
+        # Root of v / (v - 2), in a form that is also valid for infinite v, the normal distribution.
         factor = 1.0 / math.sqrt(1.0 - 2.0 / self.degrees_of_freedom)
         return factor * np.concatenate([own_m, self.noise_share[:, None]], axis=1)
 
@@ -250,6 +274,7 @@ _SPLINE[:, :-1] = CubicSpline(KNOTS_S, np.eye(KNOTS_S.size)).c
 _LINEAR[2, :-1] = np.diff(np.eye(KNOTS_S.size), axis=0) / np.diff(KNOTS_S)[:, None]
 _SPLINE[3, -1], _LINEAR[3] = np.eye(KNOTS_S.size)[-1], np.eye(KNOTS_S.size)
 _SPLINE[2, -1] = np.diff(KNOTS_S)[-1] ** np.arange(2, -1, -1) @ _SPLINE[:3, -2]
+_BREAKS_S = np.append(KNOTS_S, np.inf)
 
 
 class BetweenKnots:
@@ -262,7 +287,8 @@ class BetweenKnots:
 
     def __init__(self, departure_m: FloatArray, spread_m: FloatArray) -> None:
         of_spread = _LINEAR @ np.maximum.accumulate(spread_m, axis=0)
-        self._coefficients = np.concatenate([_SPLINE @ departure_m, of_spread], axis=2)
+        coefficients = np.concatenate([_SPLINE @ departure_m, of_spread], axis=2)
+        self._values = PPoly.construct_fast(coefficients, _BREAKS_S)  # without validation, which takes longer
 
     def __call__(self, tau_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Interpolate at the given horizons.
@@ -276,11 +302,9 @@ class BetweenKnots:
             with its power 1.5 after the last; symmetric in past and future.
         """
         away_s = np.abs(tau_s)
-        knot = np.searchsorted(KNOTS_S[1:], away_s)
-        h_s, (a, b, c, d) = (away_s - KNOTS_S[knot])[:, None], self._coefficients[:, knot]
-        both = ((a * h_s + b) * h_s + c) * h_s + d
+        both = self._values(away_s)
         growth = np.maximum(away_s / KNOTS_S[-1], 1.0)[:, None] ** _GROWTH
-        return np.where(tau_s[:, None] < 0.0, self._coefficients[3, 0, :3], both[:, :3]), growth * both[:, 3:]
+        return np.where(tau_s[:, None] < 0.0, self._values.c[3, 0, :3], both[:, :3]), growth * both[:, 3:]
 
 
 SHIPPED = Path(__file__).with_name("walker.npz")
@@ -297,8 +321,7 @@ def save_walker_model(model: WalkerModel, path: Path | IO[bytes]) -> None:
     """
     arrays: dict[str, Any] = {name: getattr(model, name) for name in _WHOLE} | {"about": json.dumps(model.about)}
     for name in _NETWORKS:
-        for what, layers in vars(getattr(model, name)).items():
-            arrays |= {f"{name}_{what}_{i}": layer.astype(np.float32) for i, layer in enumerate(layers)}
+        arrays |= getattr(model, name).arrays(f"{name}_")
     np.savez_compressed(path, **arrays)
 
 
@@ -316,11 +339,7 @@ def load_walker_model(path: Path = SHIPPED) -> WalkerModel:
     """
     try:
         with np.load(path, allow_pickle=False) as data:
-            layers = range(sum(name.startswith("seeing_weights_") for name in data.files))
-            seeing, blind = (
-                Network(*(tuple(data[f"{name}_{what}_{i}"] for i in layers) for what in ("weights", "biases")))
-                for name in _NETWORKS
-            )
+            seeing, blind = (Network.of(data, f"{name}_") for name in _NETWORKS)
             whole: dict[str, Any] = {name: data[name] for name in _WHOLE}
             decision, freedom = tuple(data["decision"].tolist()), float(data["degrees_of_freedom"])
             whole |= {"decision": decision, "degrees_of_freedom": freedom}

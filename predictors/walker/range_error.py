@@ -10,7 +10,7 @@ from statistics import median_high
 import numpy as np
 
 from predictors.types import FloatArray, HeadObservation
-from predictors.walker.bank import MEMORY_FRAMES, PRIOR_FRAMES, PRIOR_M, STEP_S
+from predictors.walker.bank import MEMORY_FRAMES, PRIOR_FRAMES, PRIOR_M, STEP_S, third_difference
 
 # Lags of the third differences, frames: one for white noise, four for drift. Longest span; the third difference over a
 # longer one contains gait.
@@ -21,7 +21,7 @@ _SD_OF_MEDIAN = 1.0 / 0.6745
 _USUAL_M2 = 0.03**2
 # Weight of the drift's variance, which disturbs the velocity more than white noise does; the best of those tried.
 _DRIFT_COUNTS = 4.0
-# A larger displacement across the line of sight is a change of person: no range error.
+# Displacements with a larger component across the line of sight are attributed to a change of person and discarded.
 _BESIDE_M, _BESIDE_SHARE = 0.05, 0.5
 _NEAREST_M = 1e-3  # at the sensor the line of sight is undefined
 
@@ -56,7 +56,7 @@ class MeasuredRange:
             times_s, *columns = zip(*(self._frames[row] for row in range(-1 - 3 * lag, 0, lag)), strict=True)
             if times_s[3] - times_s[0] > _SPAN_S or min(map(sub, times_s[1:], times_s)) < STEP_S:
                 continue
-            weights = [1.0 / math.prod(a - b for b in times_s if b != a) for a in times_s]
+            weights = third_difference(times_s)
             off_m = [sum(map(mul, weights, column)) / math.hypot(*weights) for column in columns]
             along_m = abs(sum(map(mul, off_m, position_m))) / range_m
             if sum(map(mul, off_m, off_m)) - along_m**2 <= max(_BESIDE_M, _BESIDE_SHARE * along_m) ** 2:

@@ -104,7 +104,7 @@ def test_a_recording_without_examples_is_reported():
     still = standing()
     nothing = examples_of_walk(still, seen(still, "perfect"), 1.0)  # not even sway, so no direction
     assert nothing.weight.size == 0
-    with pytest.raises(GazempcError, match="ann_stands: every observed person is faster than 3 m/s"):
+    with pytest.raises(GazempcError, match="ann_stands: no examples: the person is motionless or faster than 3 m/s"):
         _joined([nothing, nothing], "ann_stands")
 
 

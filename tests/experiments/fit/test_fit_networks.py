@@ -56,11 +56,7 @@ def test_the_shipped_model_has_the_settings_and_the_decision_of_a_fit_by_default
     assert {"variants", "steps", "seed"} == shipped.about["settings"].keys()
     for name, value in shipped.about["settings"].items():
         assert FitSettings.model_fields[name].default == value, name
-    rows = [
-        {f"{what}_{i}": layer for what, layers in vars(network).items() for i, layer in enumerate(layers)}
-        for network in (shipped.seeing, shipped.blind)
-    ]
-    again = model_of(rows, "")
+    again = model_of([shipped.seeing.arrays(), shipped.blind.arrays()], "")
     assert again.decision == shipped.decision
     for name in ("seeing", "blind"):
         np.testing.assert_equal(vars(getattr(again, name)), vars(getattr(shipped, name)))
