@@ -1,16 +1,20 @@
 """Predictor and controller of a run: by name, as objects, and user-defined, which are tested first."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from builders.walkers import random_model
 
 import gazempc as gz
 from gazempc.controllers.lookahead import LookAhead
 from gazempc.errors import SettingsError
-from gazempc.loop.build import Person, make_controller, make_predictor
+from gazempc.loop.build import Person, make_controller, make_predictor, walker_model
 from gazempc.loop.trial import check_controller, check_predictor, warm_up
 from gazempc.parts import CONTROLLER, PREDICTOR, name_of
 from gazempc.settings import ConstantVelocitySettings, GazeSettings
 from predictors import ConstantVelocity, NotReadyError
+from predictors.walker.network import save_walker_model
 
 NECK = gz.load_neck("reference")
 SETTINGS = GazeSettings()
@@ -166,3 +170,14 @@ def test_a_part_that_fails_in_the_warm_up_is_reset_before_the_run():
     warm_up(predictor, LookAhead(NECK), NECK)
     with pytest.raises(NotReadyError):
         ConstantVelocity.forecast(predictor, [0.0])
+
+
+def test_a_folder_gives_the_model_fitted_without_the_person(tmp_path):
+    (tmp_path / "left_out").mkdir()
+    for name in ("walker", "left_out/ann"):
+        save_walker_model(dataclasses.replace(random_model(), about={"name": name}), tmp_path / f"{name}.npz")
+    assert walker_model(tmp_path, "ann").about["name"] == "left_out/ann"
+    assert walker_model(tmp_path, "bob").about["name"] == "walker"
+    assert walker_model(tmp_path / "walker.npz", "ann").about["name"] == "walker"
+    with pytest.raises(SettingsError, match=r"walker\.fitted: .*walker\.npz.*accepted: a model file, or a folder"):
+        walker_model(tmp_path / "left_out", "bob")

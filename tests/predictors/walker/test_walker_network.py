@@ -10,7 +10,7 @@ from builders.walkers import random_model
 from scipy.interpolate import CubicSpline
 
 from gazempc.errors import SettingsError
-from gazempc.loop.build import Person, make_predictor, walker_model
+from gazempc.loop.build import Person, make_predictor
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
@@ -131,6 +131,8 @@ GOOD = random_model()
     [
         ({"hidden": GOOD.hidden[:-1]}, "hidden: an array of shape"),
         ({"hidden": GOOD.hidden * np.inf}, "expected finite numbers"),
+        ({"decision": (0.0, 0.7)}, "expected a positive slope and a threshold"),
+        ({"decision": (1.5, math.nan)}, "expected a positive slope and a threshold"),
         ({"degrees_of_freedom": 2.0}, "expected more than 2"),
         ({"degrees_of_freedom": math.nan}, "expected more than 2"),
     ],
@@ -190,14 +192,3 @@ def test_an_invalid_model_file_is_named(tmp_path, content):
         load_walker_model(path)
     with pytest.raises(SettingsError, match=r"walker\.fitted.*walker\.npz"):
         make_predictor("walker", ReplaySettings(walker=WalkerSettings(fitted=path)), Person(), {})
-
-
-def test_a_folder_gives_the_model_fitted_without_the_person(tmp_path):
-    (tmp_path / "left_out").mkdir()
-    for name in ("walker", "left_out/ann"):
-        save_walker_model(dataclasses.replace(random_model(), about={"name": name}), tmp_path / f"{name}.npz")
-    assert walker_model(tmp_path, "ann").about["name"] == "left_out/ann"
-    assert walker_model(tmp_path, "bob").about["name"] == "walker"
-    assert walker_model(tmp_path / "walker.npz", "ann").about["name"] == "walker"
-    with pytest.raises(SettingsError, match=r"walker\.fitted: .*walker\.npz.*accepted: a model file, or a folder"):
-        walker_model(tmp_path / "left_out", "bob")
