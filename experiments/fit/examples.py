@@ -19,7 +19,8 @@ from gazempc.sim.sensing.spec import YawError
 from gazempc.sim.sensor import SensorSpec, load_sensor
 from predictors import HeadObservation
 from predictors.walker.features import N_INPUTS
-from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, Network, WalkerModel
+from predictors.walker.knots import KNOTS_S
+from predictors.walker.network import N_DOUBT, N_OUTPUTS, Network, WalkerModel
 from predictors.walker.predictor import Walker
 
 # Two of three variants keep recorded pace and gait. With fewer of these, errors on recorded walks grow by a tenth; with

@@ -19,6 +19,7 @@ from gazempc.errors import importing
 from gazempc.sim.sensor import SensorSpec
 from predictors.walker import network as walker
 from predictors.walker.features import CORRELATION, LOG_SD, N_INPUTS, NOISE_SCALE_M, OF_YAWS
+from predictors.walker.knots import KNOTS_S
 
 Float32Array = NDArray[np.float32]
 
@@ -112,14 +113,14 @@ def fit_network(examples: Examples, seed: int, steps: int, sees_yaws: bool = Tru
     sizes = (columns.size, *HIDDEN, walker.N_OUTPUTS)
     optimiser = optax.adamw(optax.cosine_decay_schedule(_LEARNING_RATE, steps), weight_decay=_WEIGHT_DECAY)
 
-    knots_s = jnp.asarray(walker.KNOTS_S, dtype=jnp.float32)[:, None]
+    knots_s = jnp.asarray(KNOTS_S, dtype=jnp.float32)[:, None]
     returned = 1.0 - jnp.exp(-knots_s / _RETURN_TIME_S)
 
     def output(layers: Any, h: Any, line_m_s: Any, places_m: Any) -> Any:
         for w, b in layers[:-1]:
             h = jnp.tanh(h @ w + b)
         answers = h @ layers[-1][0] + layers[-1][1]
-        departures = answers[:, walker.DEPARTURES].reshape(-1, walker.KNOTS_S.size, 3) * scale
+        departures = answers[:, walker.DEPARTURES].reshape(-1, KNOTS_S.size, 3) * scale
         walks = 1.0 / (1.0 + jnp.exp(-answers[:, walker.WALKS]))
         place_m = jax.nn.softmax(answers[:, walker.PLACES])[:, None] @ places_m
         stays = (1.0 - returned) * places_m[:, :1] - knots_s * line_m_s[:, None] + returned * place_m
@@ -235,5 +236,5 @@ def model_of(networks: Sequence[Row], key: str) -> walker.WalkerModel:
         The model.
     """
     seeing, blind = map(walker.Network.of, networks)
-    no_spread = np.zeros((walker.N_DOUBT, walker.KNOTS_S.size, 3))
+    no_spread = np.zeros((walker.N_DOUBT, KNOTS_S.size, 3))
     return walker.WalkerModel(seeing, blind, no_spread, decision=_DECISION, about={"key": key})

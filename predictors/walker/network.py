@@ -1,4 +1,4 @@
-"""The model of `Walker` and its file: networks, departures at and between the knots, scale of the errors."""
+"""The model of `Walker` and its file: networks, departures at the knots, scale of the errors."""
 
 from __future__ import annotations
 
@@ -17,16 +17,14 @@ from typing import IO, Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
 
 from predictors.types import FloatArray
 from predictors.walker.bank import Compiled
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
+from predictors.walker.knots import KNOTS_S
 
 Float32Array = NDArray[np.float32]
 
-# Horizons of the networks' departures; a cubic spline interpolates between them.
-KNOTS_S = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.5])
 # Typical departure at each knot: it scales the networks' outputs to order one.
 DEPARTURE_SCALE_M = np.array([0.015, 0.02, 0.03, 0.045, 0.06, 0.1, 0.15, 0.25])
 # Regime of staying: critically damped return from the newest position, at rest, to the place of staying, with this time
@@ -263,48 +261,6 @@ def _mixture() -> ca.Function:
 
 
 _MIXTURE = Compiled(_mixture)
-
-
-# Growth exponent of the error beyond the last knot: the velocity as a random walk.
-_GROWTH = 1.5
-# Polynomial coefficients of each interval, and of the one after the last knot, as linear functions of the values at the
-# knots, shape (4, knots, knots): cubic spline with a linear continuation, and linear interpolation.
-_SPLINE, _LINEAR = np.zeros((2, 4, KNOTS_S.size, KNOTS_S.size))
-_SPLINE[:, :-1] = CubicSpline(KNOTS_S, np.eye(KNOTS_S.size)).c
-_LINEAR[2, :-1] = np.diff(np.eye(KNOTS_S.size), axis=0) / np.diff(KNOTS_S)[:, None]
-_SPLINE[3, -1], _LINEAR[3] = np.eye(KNOTS_S.size)[-1], np.eye(KNOTS_S.size)
-_SPLINE[2, -1] = np.diff(KNOTS_S)[-1] ** np.arange(2, -1, -1) @ _SPLINE[:3, -2]
-_BREAKS_S = np.append(KNOTS_S, np.inf)
-
-
-class BetweenKnots:
-    """Departures and standard deviations at any horizon.
-
-    Args:
-        departure_m: Departures at the knots, shape (knots, 3).
-        spread_m: Standard deviations at the knots, shape (knots, columns), as from `WalkerModel.spread_m`.
-    """
-
-    def __init__(self, departure_m: FloatArray, spread_m: FloatArray) -> None:
-        of_spread = _LINEAR @ np.maximum.accumulate(spread_m, axis=0)
-        coefficients = np.concatenate([_SPLINE @ departure_m, of_spread], axis=2)
-        self._values = PPoly.construct_fast(coefficients, _BREAKS_S)  # without validation, which takes longer
-
-    def __call__(self, tau_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Interpolate at the given horizons.
-
-        Args:
-            tau_s: Horizons, shape (H,), seconds.
-
-        Returns:
-            Departures, shape (H, 3): cubic spline between the knots, constant before the first, linear after the last.
-            Standard deviations, shape (H, columns): linear between the knots, nondecreasing in the horizon, growing
-            with its power 1.5 after the last; symmetric in past and future.
-        """
-        away_s = np.abs(tau_s)
-        both = self._values(away_s)
-        growth = np.maximum(away_s / KNOTS_S[-1], 1.0)[:, None] ** _GROWTH
-        return np.where(tau_s[:, None] < 0.0, self._values.c[3, 0, :3], both[:, :3]), growth * both[:, 3:]
 
 
 SHIPPED = Path(__file__).with_name("walker.npz")

@@ -12,7 +12,8 @@ from predictors.constant_velocity import ConstantVelocity
 from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.features import WalkerHistory, WalkerInputs
-from predictors.walker.network import BetweenKnots, WalkerModel, log_odds_of, shipped_walker_model
+from predictors.walker.knots import BetweenKnots
+from predictors.walker.network import WalkerModel, log_odds_of, shipped_walker_model
 from predictors.walker.range_error import MeasuredRange
 
 # Gait (sway and bob) is measurement noise of the line's filter: variance on each axis.

@@ -4,7 +4,7 @@ import numpy as np
 
 from experiments.fit.examples import Examples
 from predictors.walker.features import KNOWN, N_INPUTS, N_PLACES, N_SPREAD
-from predictors.walker.network import KNOTS_S
+from predictors.walker.knots import KNOTS_S
 
 
 def toy(n, seed):

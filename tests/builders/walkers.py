@@ -9,7 +9,8 @@ from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor, observe
 from predictors import HeadObservation, Walker
 from predictors.walker.features import N_INPUTS
-from predictors.walker.network import KNOTS_S, N_DOUBT, N_OUTPUTS, WALKS, Network, WalkerModel
+from predictors.walker.knots import KNOTS_S
+from predictors.walker.network import N_DOUBT, N_OUTPUTS, WALKS, Network, WalkerModel
 
 # Network layers with zero departure and the regime walking for all people.
 _WALKING = np.zeros(N_OUTPUTS, dtype=np.float32)

@@ -14,7 +14,7 @@ from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
 from gazempc.sim.sensor import load_sensor
 from predictors import Walker
-from predictors.walker.network import KNOTS_S
+from predictors.walker.knots import KNOTS_S
 
 FRAME_S = 1.0 / 30.0
 

@@ -12,7 +12,8 @@ from experiments.fit.command import FitSettings
 from experiments.fit.networks import HIDDEN, fit_network, model_of, seen_distance2
 from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
-from predictors.walker.network import KNOTS_S, N_OUTPUTS, PLACES, WALKS, WalkerModel, load_walker_model
+from predictors.walker.knots import KNOTS_S
+from predictors.walker.network import N_OUTPUTS, PLACES, WALKS, WalkerModel, load_walker_model
 
 
 @pytest.mark.slow

@@ -14,12 +14,11 @@ from gazempc.loop.build import Person, make_predictor
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
 from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
+from predictors.walker.knots import KNOTS_S, BetweenKnots
 from predictors.walker.network import (
     DEPARTURE_SCALE_M,
-    KNOTS_S,
     N_DOUBT,
     N_OUTPUTS,
-    BetweenKnots,
     WalkerModelError,
     load_walker_model,
     log_odds_of,

@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from predictors import ConstantVelocity, HeadObservation, Walker
 from predictors.walker.features import LOG_SD
-from predictors.walker.network import BetweenKnots, log_odds_of
+from predictors.walker.knots import BetweenKnots
+from predictors.walker.network import log_odds_of
 
 GAIT_M2 = 0.02**2 * np.eye(3)
 STATED_M2 = np.diag([0.012, 0.01, 0.008]) ** 2
