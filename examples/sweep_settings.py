@@ -13,6 +13,6 @@ for smoothing_time_s in (0.04, 0.08, 0.16):
 
 # It prints:
 # smoothing  gaze error  acceleration
-#    0.04 s    1.12 deg   1.72 rad/s^2
-#    0.08 s    1.18 deg   1.03 rad/s^2
-#    0.16 s    1.50 deg   0.51 rad/s^2
+#    0.04 s    1.09 deg   1.59 rad/s^2
+#    0.08 s    1.17 deg   1.00 rad/s^2
+#    0.16 s    1.51 deg   0.52 rad/s^2

@@ -23,4 +23,4 @@ for dead_time_s in (0.1, 0.4):
 # dead time 0.1 s, reactive  6.20 deg, eye contact  30%
 # dead time 0.1 s, mpc       0.74 deg, eye contact 100%
 # dead time 0.4 s, reactive 10.72 deg, eye contact  21%
-# dead time 0.4 s, mpc       1.88 deg, eye contact  85%
+# dead time 0.4 s, mpc       1.85 deg, eye contact  87%

@@ -20,5 +20,5 @@ for controller in ("reactive", "lookahead", "mpc"):
 
 # It prints:
 # reactive  8.63 deg, within 4 deg  34% of the time, top speed 27 deg/s
-# lookahead 1.29 deg, within 4 deg 100% of the time, top speed 47 deg/s
-# mpc       1.36 deg, within 4 deg  99% of the time, top speed 47 deg/s
+# lookahead 1.27 deg, within 4 deg 100% of the time, top speed 46 deg/s
+# mpc       1.34 deg, within 4 deg 100% of the time, top speed 46 deg/s

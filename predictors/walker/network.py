@@ -47,8 +47,7 @@ _OF_BOTH_SIDES[1, 1 : DEPARTURES.stop : 3] *= -1.0
 # probability of walking.
 N_DOUBT = N_SPREAD + 6
 _NEAR, _FAR = 4, 6
-_USUAL_DEPARTURE_M, _LARGEST_SIZE = np.array([0.06, 0.2, 0.2]), 4.0
-_USUAL_DISTANCE_M = 0.02
+_USUAL_DEPARTURE_M, _USUAL_DISTANCE_M, _LARGEST_SIZE = np.array([0.06, 0.2, 0.2]), 0.02, 4.0
 
 
 class WalkerModelError(ValueError):

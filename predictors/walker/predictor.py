@@ -145,9 +145,7 @@ class Walker:
             self._knots = BetweenKnots(departure_m @ axes, self._model.spread_m(doubt))
         tau = times - inputs.time_s
         departure, spread = self._knots(tau)
-        means = tau[:, None] * inputs.velocity_base_m_s
-        means += inputs.origin_base_m
-        means += departure
+        means = inputs.origin_base_m + tau[:, None] * inputs.velocity_base_m_s + departure
         covariances = (spread**2 @ self._squares).reshape(-1, 3, 3)
         share = inputs.on_foot
         if share < 1.0:  # mean and covariance of the mixture of both forecasts

@@ -90,16 +90,22 @@ def test_filters_and_means_are_in_the_frame_of_the_line():
     np.testing.assert_allclose(inputs.to_base @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.parametrize("step_m", [0.3, 1.0])
 @pytest.mark.parametrize("rate_hz", [2.5, 30.0])
-def test_running_means_decay_exponentially_and_give_the_sway(rate_hz):
-    """A step of 1 m between two rests: each mean has the response 1 - exp(-t / memory)."""
+def test_running_means_decay_exponentially_and_give_the_sway(rate_hz, step_m):
+    """A step between two rests: each mean has the response 1 - exp(-t / memory).
+
+    As a place of staying it fades to the newest position at 0.3 to 0.6 m from it.
+    """
     times_s = np.arange(round(60 * rate_hz) + 1) / rate_hz
-    positions_m = np.where(times_s[:, None] > 58.0, [0.0, 1.0, 0.3], [0.0, 0.0, 0.3])
+    positions_m = np.where(times_s[:, None] > 58.0, [0.0, step_m, 0.3], [0.0, 0.0, 0.3])
     inputs = inputs_of(times_s, positions_m)
-    means_m = inputs.places_m[-N_MEANS:]
-    np.testing.assert_allclose(means_m[:, 1], 1.0 - np.exp(-2.0 / np.array(MEANS_S)), atol=0.15 / rate_hz + 0.02)
-    np.testing.assert_allclose(means_m[:, [0, 2]], np.tile([0.0, 0.3], (N_MEANS, 1)), atol=1e-12)
-    assert np.all(0.05 * np.exp(inputs.network[OF_SWAY:OF_YAWS]) > 0.2)
+    places_m = inputs.places_m[-N_MEANS:]
+    behind_m = step_m * np.exp(-2.0 / np.array(MEANS_S))
+    expected_m = step_m - behind_m * np.clip((0.6 - behind_m) / 0.3, 0.0, 1.0)
+    np.testing.assert_allclose(places_m[:, 1], expected_m, atol=0.15 / rate_hz + 0.02)
+    np.testing.assert_allclose(places_m[:, [0, 2]], np.tile([0.0, 0.3], (N_MEANS, 1)), atol=1e-12)
+    assert np.all(0.05 * np.exp(inputs.network[OF_SWAY:OF_YAWS]) > 0.2 * step_m)
     still = inputs_of(times_s, np.tile([0.0, 1.0, 0.3], (times_s.size, 1)))
     np.testing.assert_allclose(0.05 * np.exp(still.network[OF_SWAY:OF_YAWS]), 0.002)
 

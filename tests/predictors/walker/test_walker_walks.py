@@ -84,6 +84,17 @@ def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, lar
     assert revisions_m(load(f"subject07_{activity}")).max() < largest_m
 
 
+def test_after_a_walk_and_a_sudden_stop_the_forecast_has_no_steady_state_error():
+    """On a circle about the robot, then motionless: the running means still contain the walk."""
+    rng, walker, errors_m = np.random.default_rng(0), Walker(), []
+    for time_s in np.arange(0.0, 8.0, 1 / 30):
+        angle_rad = np.radians(20.0) * min(time_s, 4.0)
+        at_m = np.array([2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad), 0.35])
+        walker.update(HeadObservation(time_s, at_m + 0.003 * rng.standard_normal(3)))
+        errors_m.append(walker.forecast([time_s + 0.5]).means_base_m[0] - at_m)
+    assert np.linalg.norm(np.mean(errors_m[180:], axis=0)) < 0.007
+
+
 def test_a_higher_threshold_delays_the_response_to_a_start():
     """Logits are compared with the threshold of the model; at very high ones the person is never forecast to walk."""
     shipped = shipped_walker_model()
