@@ -33,9 +33,9 @@ _FAST_M_S = 1.7  # input of the stated uncertainty: faster walks are outside the
 # Limit of the inputs; lower limits of noise, squared innovation and frame rate in logarithms.
 _LARGEST, _SMALLEST_NOISE, _SMALLEST_RATIO2, _LEAST_RATE = 4.0, 0.1, 0.01, 1e-3
 _ROUNDING_M2 = 1e-12  # a stated covariance may be nearly singular
-# Distance from the newest position over which a running mean fades out as a candidate place of staying: a mean over a
-# walk is not where the person has stopped. Sway on the spot has an s.d. of up to 0.2 m in the fit.
-_LEFT_M = (0.3, 0.6)
+# Distance from the newest smoothed position over which the weight of a running mean as a candidate place of staying
+# fades out: a mean over a walk, or over a step of half a metre, is not where the person stands.
+_MEAN_FADES_M = (0.3, 0.6)
 _STRIDE_S = 1.2  # up to this length the age of a track is an input
 
 # Order of the inputs: filters, means and sway, yaws, and nine more.
@@ -67,7 +67,8 @@ class WalkerInputs:
             stated.
         network: Inputs of the networks, shape (N_INPUTS,), within +-4.
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
-        places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres.
+        places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres: positions of
+            the filters; running means, each faded to the first filter's position at 0.3 to 0.6 m from it.
         on_foot: Weight of the networks, 0 to 1: 0 at a first frame and at speeds of running or riding, 1 at walking
             speeds and at rest, a ramp between.
     """
@@ -187,9 +188,9 @@ def _step() -> ca.Function:
     on_foot = ca.if_else(speed_m_s > _NO_DIRECTION_M_S, 1.0 - bank.ramp(speed_m_s, *_RUNS_M_S), 0.0)
     frame = ca.vertcat(ca.vec(to_line), on_foot)
     network = ca.fmin(ca.fmax(network, -_LARGEST), _LARGEST)
-    off_m = means_m - apart_m[:, 0]
-    here = 1.0 - bank.ramp(ca.sqrt(ca.sum1(off_m**2)), *_LEFT_M)
-    places_m = ca.vec(ca.horzcat(apart_m, apart_m[:, 0] + off_m @ ca.diag(here)))
+    from_newest_m = means_m - apart_m[:, 0]
+    weight = 1.0 - bank.ramp(ca.sqrt(ca.sum1(from_newest_m**2)), *_MEAN_FADES_M)
+    places_m = ca.vec(ca.horzcat(apart_m, apart_m[:, 0] + from_newest_m @ ca.diag(weight)))
     return ca.Function("step", [state, seen], [new_state, network, spread, places_m, frame])
 
 

@@ -103,7 +103,7 @@ def test_running_means_decay_exponentially_and_give_the_sway(rate_hz, step_m):
     places_m = inputs.places_m[-N_MEANS:]
     behind_m = step_m * np.exp(-2.0 / np.array(MEANS_S))
     expected_m = step_m - behind_m * np.clip((0.6 - behind_m) / 0.3, 0.0, 1.0)
-    np.testing.assert_allclose(places_m[:, 1], expected_m, atol=0.15 / rate_hz + 0.02)
+    np.testing.assert_allclose(places_m[:, 1], expected_m, atol=step_m * (0.15 / rate_hz + 0.02))
     np.testing.assert_allclose(places_m[:, [0, 2]], np.tile([0.0, 0.3], (N_MEANS, 1)), atol=1e-12)
     assert np.all(0.05 * np.exp(inputs.network[OF_SWAY:OF_YAWS]) > 0.2 * step_m)
     still = inputs_of(times_s, np.tile([0.0, 1.0, 0.3], (times_s.size, 1)))

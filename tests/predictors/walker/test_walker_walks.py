@@ -92,7 +92,7 @@ def test_after_a_walk_and_a_sudden_stop_the_forecast_has_no_steady_state_error()
         at_m = np.array([2.0 * np.cos(angle_rad), 2.0 * np.sin(angle_rad), 0.35])
         walker.update(HeadObservation(time_s, at_m + 0.003 * rng.standard_normal(3)))
         errors_m.append(walker.forecast([time_s + 0.5]).means_base_m[0] - at_m)
-    assert np.linalg.norm(np.mean(errors_m[180:], axis=0)) < 0.007
+    assert np.linalg.norm(np.mean(errors_m[180:], axis=0)) < 0.0035
 
 
 def test_a_higher_threshold_delays_the_response_to_a_start():
