@@ -34,7 +34,7 @@ _FAST_M_S = 1.7  # input of the stated uncertainty: faster walks are outside the
 _LARGEST, _SMALLEST_NOISE, _SMALLEST_RATIO2, _LEAST_RATE = 4.0, 0.1, 0.01, 1e-3
 _ROUNDING_M2 = 1e-12  # a stated covariance may be nearly singular
 # Distance from the newest smoothed position over which the weight of a running mean as a candidate place of staying
-# fades out: a mean over a walk, or over a step of half a metre, is not where the person stands.
+# fades out: after a walk, or a step of half a metre, the person stands away from the mean over it.
 _MEAN_FADES_M = (0.3, 0.6)
 _STRIDE_S = 1.2  # up to this length the age of a track is an input
 
