@@ -75,7 +75,7 @@ def test_the_camera_turns_as_commanded_and_reports_its_position(pan_sign) -> Non
     with camera() as (server, plant), connected(server.address, directions=(pan_sign, 1)) as robot:
         feed(robot, (0.5, -0.2), lambda: pan_sign * plant.true_state().position_rad[0] > 0.06)
         robot.send_command(np.zeros(2))
-        wait_for(lambda: np.abs(plant.true_state().velocity_rad_s).max() < 1e-4)
+        wait_for(lambda: np.abs(plant.true_state().velocity_rad_s).max() < 1e-7)
         true_rad = plant.true_state().position_rad * [pan_sign, 1]
         assert true_rad[1] == pytest.approx(-0.4 * true_rad[0], rel=0.25)
         seen: list[np.ndarray] = []
