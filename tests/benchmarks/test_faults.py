@@ -7,6 +7,11 @@ import pytest
 from benchmarks.faults import __main__ as faults
 
 
+def test_a_run_too_short_for_a_gaze_error_is_refused(capsys):
+    assert faults.main(seconds=1.0) == 2
+    assert "--seconds 1: expected at least 1.2" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_short_table_counts_commands_intervals_and_reasons(tmp_path, capsys):
     path = tmp_path / "faults.json"
