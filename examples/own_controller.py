@@ -40,7 +40,7 @@ if __name__ == "__main__":
         )
 
 # It prints:
-# early_0.5 gaze  2.29 deg, 0.85 rad/s^2, limit violations: 0
-# early_1.0 gaze  5.93 deg, 1.45 rad/s^2, limit violations: 0
-# lookahead gaze  1.31 deg, 0.68 rad/s^2, limit violations: 0
-# mpc       gaze  1.31 deg, 0.65 rad/s^2, limit violations: 0
+# early_0.5 gaze  2.30 deg, 0.85 rad/s^2, limit violations: 0
+# early_1.0 gaze  5.87 deg, 1.41 rad/s^2, limit violations: 0
+# lookahead gaze  1.30 deg, 0.68 rad/s^2, limit violations: 0
+# mpc       gaze  1.26 deg, 0.63 rad/s^2, limit violations: 0

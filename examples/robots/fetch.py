@@ -17,4 +17,4 @@ for controller in ("reactive", "mpc"):
 # It prints:
 # dead time 0.1 s, lag 0.15 s
 # reactive  6.94 deg, eye contact  28%
-# mpc       0.52 deg, eye contact 100%
+# mpc       0.51 deg, eye contact 100%

@@ -48,13 +48,13 @@ class Examples:
     """Examples of one or several recordings, one per row.
 
     Attributes:
-        network: Inputs of the networks, shape (N, N_INPUTS); half precision, as they dominate the memory.
+        network: Inputs of the networks, shape (N, N_INPUTS); half precision, to save memory.
         spread: Inputs of the uncertainty model, shape (N, N_SPREAD).
         noise_m: Stated standard deviation of the observed position, shape (N, 3), metres; zeros if none is stated.
         departure_m: True departure from the line, shape (N, knots, 3), metres along, across, up; NaN past the end.
         weight: Weight of each example, shape (N,).
-        line_m_s: Velocity of the line along, across and up, shape (N, 3), m/s.
         places_m: Candidate places of staying, shape (N, N_PLACES, 3), metres.
+        velocities_m_s: Velocities of the line and of the filters along, across and up, shape (N, N_VELOCITIES, 3), m/s.
     """
 
     network: NDArray[np.float16]
@@ -62,8 +62,8 @@ class Examples:
     noise_m: NDArray[np.float32]
     departure_m: NDArray[np.float32]
     weight: NDArray[np.float32]
-    line_m_s: NDArray[np.float32]
     places_m: NDArray[np.float32]
+    velocities_m_s: NDArray[np.float32]
 
 
 T = TypeVar("T")
@@ -108,7 +108,7 @@ def examples_of_walk(walk: GaplessWalk, observations: list[HeadObservation], wei
         off = off @ inputs.to_base
         off[ahead_s > walk.times_s[-1] + 1e-6] = np.nan
         truth_and_weight = off, weight * inputs.on_foot
-        regimes = inputs.velocity_base_m_s @ inputs.to_base, inputs.places_m
+        regimes = inputs.places_m, inputs.velocities_m_s
         stated_m2 = np.diag(inputs.to_base.T @ inputs.stated_m2 @ inputs.to_base)
         found.append((inputs.network, inputs.spread, np.sqrt(np.maximum(stated_m2, 0.0)), *truth_and_weight, *regimes))
     network, *others = zip(*found, strict=True) if found else ((),) * len(fields(Examples))

@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from experiments.fit.examples import Examples
 from gazempc.types import FloatArray
-from predictors.walker.network import WalkerModel, log_odds_of
+from predictors.walker.network import WalkerModel
 
 # Ridge penalties: coefficients of nearly constant features stay near zero, and the hidden units do not overfit single
 # people.
@@ -69,10 +69,9 @@ class Found:
     def by(cls, model: WalkerModel, part: Examples) -> Found:
         """Errors of a model on examples."""
         answers = []
-        columns = (part.network, part.spread, part.line_m_s, part.places_m)
+        columns = (part.network, part.spread, part.places_m, part.velocities_m_s)
         for network, *of_track in zip(*(column.astype(np.float64) for column in columns), strict=True):
-            outputs = model.outputs(network)
-            answers.append(model.answer(outputs, log_odds_of(outputs), *of_track))
+            answers.append(model.answer(model.outputs(network), *of_track))
         departure, doubt = map(np.array, zip(*answers, strict=True))
         noise_m, weight = part.noise_m.astype(np.float64), part.weight.astype(np.float64)
         return cls(doubt, noise_m, departure - part.departure_m, weight)

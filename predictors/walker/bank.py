@@ -62,7 +62,7 @@ class Compiled(threading.local):
     A call takes a tenth of the time of a call that converts its arguments.
 
     Args:
-        make: Returns the function; called in each thread.
+        make: Returns the function, cached; called in each thread.
     """
 
     def __init__(self, make: Callable[[], ca.Function]) -> None:

@@ -50,7 +50,7 @@ OF_YAWS = np.r_[_OF_YAW_FILTERS, KNOWN]
 # Signs of the inputs under a left-right reflection.
 MIRROR = np.ones(N_INPUTS)
 MIRROR[1 : 6 * bank.N_FILTERS + 3 * bank.N_MEANS : 3] = MIRROR[_OF_YAW_FILTERS] = MIRROR[CORRELATION] = -1.0
-N_PLACES = bank.N_FILTERS + bank.N_MEANS
+N_PLACES, N_VELOCITIES = bank.N_FILTERS + bank.N_MEANS, bank.N_FILTERS + 1
 N_SPREAD = 12 + 3 * bank.N_FILTERS
 
 
@@ -69,6 +69,8 @@ class WalkerInputs:
         spread: Inputs of the stated uncertainty, shape (N_SPREAD,).
         places_m: Candidate places of staying relative to the line's origin, shape (N_PLACES, 3), metres: positions of
             the filters; running means, each faded to the first filter's position at 0.3 to 0.6 m from it.
+        velocities_m_s: Velocities of the line and of the filters in the line's frame, the latter within 0.6 m/s of the
+            first on each axis, shape (N_VELOCITIES, 3), m/s.
         on_foot: Weight of the networks, 0 to 1: 0 at a first frame and at speeds of running or riding, 1 at walking
             speeds and at rest, a ramp between.
     """
@@ -81,6 +83,7 @@ class WalkerInputs:
     network: FloatArray
     spread: FloatArray
     places_m: FloatArray
+    velocities_m_s: FloatArray
     on_foot: float
 
 
@@ -113,17 +116,35 @@ class WalkerHistory:
         """
         now_s, position_m = observation.capture_time_s, observation.head_position_base_m
         if self._state is None:
-            clock = [0.0, 1.0, now_s - bank.USUAL_S]
-            self._state = np.concatenate([bank.at_start(position_m), np.zeros(6), clock, bank.WHITE_AT_START])
+            self._state = np.r_[
+                bank.at_start(position_m), np.zeros(6), 0.0, 1.0, now_s - bank.USUAL_S, bank.WHITE_AT_START
+            ]
         is_stated = observation.position_covariance_m2 is not None
         quats = observation.pelvis_quat_wxyz, observation.head_quat_wxyz
         yaws = [(0.0, 0.0) if quat is None else (yaw_rad(quat), 1.0) for quat in quats]
         seen = np.concatenate([position_m, covariance_m2.ravel(), line, [now_s, is_stated], *yaws])
-        self._state, network, spread, places_m, frame = _STEP(self._state, seen)
-        inputs = is_stated * covariance_m2, network, spread, places_m.reshape(N_PLACES, 3), float(frame[9])
-        return WalkerInputs(now_s, line[:3], line[3:], frame[:9].reshape(3, 3), *inputs)
+        self._state, network, spread, places_m, velocities_m_s, to_base, on_foot = _step(self._state, seen)
+        inputs = is_stated * covariance_m2, network, spread, places_m.reshape(-1, 3), velocities_m_s.reshape(-1, 3)
+        return WalkerInputs(now_s, line[:3], line[3:], to_base.reshape(3, 3), *inputs, float(on_foot[0]))
 
 
+def _follow(
+    i: int, yaw: ca.SX, mounting: ca.SX, seen: ca.SX, dt_s: ca.SX, age_s: ca.SX, heading_rad: ca.SX, walks: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """New states of a yaw and of its mounting, its weight, and weighted angles of the filters to the heading."""
+    yaw = bank.followed(yaw, seen[0], seen[1], dt_s, age_s)
+    relative_rad = yaw[0] - heading_rad
+    weight = seen[1] * walks * ca.fmin(dt_s / bank.USUAL_S, 3.0)
+    mounting = mounting + weight * ca.vertcat(ca.cos(relative_rad), ca.sin(relative_rad), 1.0)
+    mean_rad = ca.atan2(mounting[1], mounting[0])
+    share = bank.ramp(ca.fabs(mean_rad), *_MOUNTING_RAD[i]) * bank.ramp(mounting[2], *_MOUNTING_FRAMES)
+    newest_rad = bank.wrap(relative_rad - share * mean_rad)
+    known = 1.0 - bank.ramp(ca.fabs(newest_rad), *_NOT_FORWARD_RAD)
+    known *= 1.0 - bank.ramp(yaw[1], *_YAW_FADES_S)
+    return yaw, mounting, known, walks * known * (newest_rad + yaw[2:])
+
+
+@bank.Compiled
 @cache
 def _step() -> ca.Function:
     """Function of state and observation to the new state and the parts of `WalkerInputs`."""
@@ -186,28 +207,11 @@ def _step() -> ca.Function:
         ca.vec(errors - of_stated),
     )
     on_foot = ca.if_else(speed_m_s > _NO_DIRECTION_M_S, 1.0 - bank.ramp(speed_m_s, *_RUNS_M_S), 0.0)
-    frame = ca.vertcat(ca.vec(to_line), on_foot)
     network = ca.fmin(ca.fmax(network, -_LARGEST), _LARGEST)
     from_newest_m = means_m - apart_m[:, 0]
     weight = 1.0 - bank.ramp(ca.sqrt(ca.sum1(from_newest_m**2)), *_MEAN_FADES_M)
     places_m = ca.vec(ca.horzcat(apart_m, apart_m[:, 0] + from_newest_m @ ca.diag(weight)))
-    return ca.Function("step", [state, seen], [new_state, network, spread, places_m, frame])
-
-
-def _follow(
-    i: int, yaw: ca.SX, mounting: ca.SX, seen: ca.SX, dt_s: ca.SX, age_s: ca.SX, heading_rad: ca.SX, walks: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """New states of a yaw and of its mounting, its weight, and weighted angles of the filters to the heading."""
-    yaw = bank.followed(yaw, seen[0], seen[1], dt_s, age_s)
-    relative_rad = yaw[0] - heading_rad
-    weight = seen[1] * walks * ca.fmin(dt_s / bank.USUAL_S, 3.0)
-    mounting = mounting + weight * ca.vertcat(ca.cos(relative_rad), ca.sin(relative_rad), 1.0)
-    mean_rad = ca.atan2(mounting[1], mounting[0])
-    share = bank.ramp(ca.fabs(mean_rad), *_MOUNTING_RAD[i]) * bank.ramp(mounting[2], *_MOUNTING_FRAMES)
-    newest_rad = bank.wrap(relative_rad - share * mean_rad)
-    known = 1.0 - bank.ramp(ca.fabs(newest_rad), *_NOT_FORWARD_RAD)
-    known *= 1.0 - bank.ramp(yaw[1], *_YAW_FADES_S)
-    return yaw, mounting, known, walks * known * (newest_rad + yaw[2:])
-
-
-_STEP = bank.Compiled(_step)
+    # Offsets from the line's velocity, limited, as the inputs, to 4 x 0.15 = 0.6 m/s on each axis.
+    limited_m_s = _VELOCITY_SCALE_M_S * ca.reshape(network[: 6 * bank.N_FILTERS], 6, -1)[3:, :]
+    velocities_m_s = ca.vec(to_line @ velocity_m_s + ca.horzcat(ca.DM.zeros(3), limited_m_s))
+    return ca.Function("step", [state, seen], [new_state, network, spread, places_m, velocities_m_s, to_line, on_foot])

@@ -13,7 +13,7 @@ from predictors.predictor import NotReadyError, as_times, check_newer, noise_m2
 from predictors.types import FloatArray, Forecast, HeadObservation
 from predictors.walker.features import WalkerHistory, WalkerInputs
 from predictors.walker.knots import BetweenKnots
-from predictors.walker.network import WalkerModel, log_odds_of, shipped_walker_model
+from predictors.walker.network import N_OUTPUTS, VELOCITIES, WALKS, WalkerModel, shipped_walker_model
 from predictors.walker.range_error import MeasuredRange
 
 # Gait (sway and bob) is measurement noise of the line's filter: variance on each axis.
@@ -22,24 +22,26 @@ _GAIT_M2 = 0.02**2 * np.eye(3)
 _AGAIN_FRAMES = 36
 # Increase that triggers it: 50 mm plus a factor of two in standard deviation; at most four times a track.
 _WORSE_M2, _WORSE_TIMES2 = 0.05**2, 4.0
-# Time constant of the low-pass filter of the log-odds of walking, seconds. Of 0.05, 0.1, 0.2 and 0.25 s, on standing
-# people left out of the fit: it halves the false starts; from 0.2 s on, at a threshold that detects true starts, eye
-# contact with starting people decreases.
-_LOG_ODDS_S = 0.1
-# Prior log-odds of walking at a track's first frame: fewer false starts in the first frames of a tracker. Chosen among
-# -1, -2.5, -4 and no prior on waiting, starting, stopping and walking people outside the fit; walkers lose 0.1 points
-# of contact.
-_PRIOR_LOG_ODDS = -2.5
+# Time constant of the low-pass filter of the logits, seconds. Of 0.05, 0.1, 0.2 and 0.25 s for the log-odds of walking,
+# on standing people left out of the fit: it halves the false starts; from 0.2 s on, at a threshold that detects true
+# starts, eye contact with starting people decreases. The other logits have the same: without it the forecast for
+# standing people moves by up to 11 mm a frame, with it by up to 7 mm.
+_LOGITS_S = 0.1
+# Logits before a track's first frame: of walking, for fewer false starts in the first frames of a tracker, and of rest
+# as the initial velocity. The first was chosen among -1, -2.5, -4 and none on waiting, starting, stopping and walking
+# people outside the fit; walkers lose 0.1 points of contact.
+_PRIOR_LOGITS = np.zeros((2, N_OUTPUTS - WALKS))
+_PRIOR_LOGITS[:, [0, VELOCITIES.start]] = -2.5, 4.0
 
 
 class Walker:
     """Forecast of a walking or standing person from head position, head yaw and pelvis yaw.
 
     A constant-velocity filter, with gait as measurement noise, gives a straight line. Networks output the departure
-    from it in the regime of walking (sway, bob, the continuation of a turn or a stop), the place of return in the
-    regime of staying, and the log-odds of walking, which are low-pass filtered before the decision. Inputs are relative
-    to the line, so the forecast is invariant to translation and heading. Estimated online are the constant offsets of
-    head and pelvis yaw from the direction of travel, and the covariance of the tracker's white error.
+    from it in the regime of walking (sway, bob, the continuation of a turn or a stop), the place of return and the
+    initial velocity in the regime of staying, and the log-odds of walking. All logits are low-pass filtered. Inputs are
+    relative to the line, so the forecast is invariant to translation and heading. Estimated online are the constant
+    offsets of head and pelvis yaw from the direction of travel, and the covariance of the tracker's white error.
 
     A stated covariance replaces the estimated one. The filter's gate rejects outliers. At running speed the forecast is
     that of the filter. Orientations are optional; the weight of the last one decays to zero within half a second. Frame
@@ -65,7 +67,7 @@ class Walker:
         self._history = WalkerHistory()
         self._inputs: WalkerInputs | None = None
         self._outputs: FloatArray | None = None
-        self._log_odds = _PRIOR_LOG_ODDS
+        self._logits = _PRIOR_LOGITS
         self._knots: BetweenKnots | None = None
 
     @property
@@ -107,8 +109,9 @@ class Walker:
         self._inputs, self._knots = inputs, None
         if inputs.on_foot > 0.0:  # the line has no direction at a first frame
             self._outputs = self._model.outputs(inputs.network)
-            gain = -math.expm1((last_s - inputs.time_s) / _LOG_ODDS_S)
-            self._log_odds += gain * (log_odds_of(self._outputs) - self._log_odds)
+            gain = -math.expm1((last_s - inputs.time_s) / _LOGITS_S)
+            self._logits = self._logits + gain * (self._outputs[:, WALKS:] - self._logits)
+            self._outputs[:, WALKS:] = self._logits
 
     def inputs(self) -> WalkerInputs:
         """Inputs of the networks, for a fit.
@@ -135,8 +138,8 @@ class Walker:
         times = as_times(times_s)
         if self._knots is None:
             assert self._outputs is not None
-            of_track = inputs.spread, inputs.velocity_base_m_s @ inputs.to_base, inputs.places_m
-            departure_m, doubt = self._model.answer(self._outputs, self._log_odds, *of_track)
+            of_track = inputs.spread, inputs.places_m, inputs.velocities_m_s
+            departure_m, doubt = self._model.answer(self._outputs, *of_track)
             axes = inputs.to_base.T
             # Outer products of the line's axes, weighted by the variances along them, sum to the covariance. The stated
             # one keeps its principal axes, such as a camera's line of sight.

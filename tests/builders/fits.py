@@ -3,7 +3,7 @@
 import numpy as np
 
 from experiments.fit.examples import Examples
-from predictors.walker.features import KNOWN, N_INPUTS, N_PLACES, N_SPREAD
+from predictors.walker.features import KNOWN, N_INPUTS, N_PLACES, N_SPREAD, N_VELOCITIES
 from predictors.walker.knots import KNOTS_S
 
 
@@ -17,7 +17,7 @@ def toy(n, seed):
     y[::5, 6:] = np.nan
     noise_m = np.zeros((n, 2, 3), dtype=np.float32)
     noise_m[np.arange(n), np.arange(n) % 2] = 0.01  # of every other tracker that states it
-    still, nowhere = np.zeros((n, 3), dtype=np.float32), np.zeros((n, N_PLACES, 3), dtype=np.float32)
+    nowhere, still = (np.zeros((n, size, 3), dtype=np.float32) for size in (N_PLACES, N_VELOCITIES))
     ones = np.ones(n, dtype=np.float32)
     spread = np.ones((n, N_SPREAD), dtype=np.float32)
-    return Examples(x, spread, noise_m, y, ones, still, nowhere)
+    return Examples(x, spread, noise_m, y, ones, nowhere, still)

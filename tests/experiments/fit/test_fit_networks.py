@@ -13,7 +13,7 @@ from experiments.fit.networks import HIDDEN, fit_network, model_of, seen_distanc
 from experiments.fit.spread import Found, Spread, SpreadLikelihood, calibrate, fit_spread
 from predictors.walker.features import N_INPUTS, OF_YAWS
 from predictors.walker.knots import KNOTS_S
-from predictors.walker.network import N_OUTPUTS, PLACES, WALKS, WalkerModel, load_walker_model
+from predictors.walker.network import N_OUTPUTS, PLACES, TRANSIENT_S, VELOCITIES, WALKS, WalkerModel, load_walker_model
 
 
 @pytest.mark.slow
@@ -50,6 +50,19 @@ def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
     place_m = np.einsum("np,npc->nc", softmax(logits, axis=1), examples.places_m)
     share = np.sum(stays[:, None] * place_m * examples.places_m[:, 1]) / np.sum(examples.places_m[:, 1] ** 2)
     assert share == pytest.approx(0.6, abs=0.03)
+
+
+@pytest.mark.slow
+def test_the_fit_recovers_the_initial_velocity_in_the_regime_of_staying():
+    """People at one place, with 0.8 of the velocity of one of the filters as initial velocity, beside a line."""
+    examples = toy(2000, 0)
+    examples.velocities_m_s[:, [0, 3]] = np.random.default_rng(2).normal(0.0, 0.3, (2000, 2, 3))
+    line_m_s, filter_m_s = examples.velocities_m_s[:, [0]], examples.velocities_m_s[:, [3]]
+    examples.departure_m[:] = 0.8 * TRANSIENT_S[:, None] * filter_m_s - KNOTS_S[:, None] * line_m_s
+    fitted = fit_network(examples, 0, 1500)
+    outputs = np.array([fitted(network)[0] for network in examples.network.astype(float)])
+    assert np.mean(1.0 / (1.0 + np.exp(outputs[:, WALKS]))) > 0.97
+    assert np.mean(softmax(outputs[:, VELOCITIES], axis=1)[:, 3]) == pytest.approx(0.8, abs=0.03)
 
 
 def test_the_shipped_model_has_the_settings_and_the_decision_of_a_fit_by_default():

@@ -57,6 +57,7 @@ def test_the_bank_holds_constant_velocity_kalman_filters(rate_hz, sds_m):
     for k, (psd, gait_m) in enumerate(FILTERS):
         expected = bank_of(times_s, positions_m, covariances_m2, psd, gait_m)
         np.testing.assert_allclose(inputs.places_m[k], expected[:3], atol=1e-9)
+        np.testing.assert_allclose(inputs.velocities_m_s[1 + k], np.clip(expected[3:], -0.6, 0.6), atol=1e-9)
         scaled = np.clip(expected / [0.05, 0.05, 0.05, 0.15, 0.15, 0.15], -4.0, 4.0)
         np.testing.assert_allclose(inputs.network[6 * k : 6 * k + 6], scaled, atol=1e-6)
 
@@ -87,7 +88,17 @@ def test_filters_and_means_are_in_the_frame_of_the_line():
     found = inputs.network[:OF_MEANS].reshape(-1, 2, 3)
     np.testing.assert_allclose(found[:, 0], np.tile([0.4, 0.0, 0.0], (N_FILTERS, 1)), atol=0.05)
     np.testing.assert_allclose(found[:, 1], np.tile([0.2, 0.0, 0.0], (N_FILTERS, 1)), atol=0.05)
+    speeds_m_s = [1.17, *[1.2] * N_FILTERS]
+    np.testing.assert_allclose(inputs.velocities_m_s, np.outer(speeds_m_s, [1.0, 0.0, 0.0]), atol=0.0075)
     np.testing.assert_allclose(inputs.to_base @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_velocities_of_the_filters_are_limited_relative_to_the_line():
+    """A track that moves at -0.3 m/s along and 1.2 m/s across a line of 0.5 m/s to the left."""
+    times_s = np.arange(300) / 30.0
+    inputs = inputs_of(times_s, np.outer(times_s, [-1.2, -0.3, 0.0]), line=np.array([0.0, 0.0, 0.0, 0.0, 0.5, 0.0]))
+    np.testing.assert_allclose(inputs.velocities_m_s[0], [0.5, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(inputs.velocities_m_s[1:], np.tile([-0.1, 0.6, 0.0], (N_FILTERS, 1)), atol=0.01)
 
 
 @pytest.mark.parametrize("step_m", [0.3, 1.0])

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from builders.walkers import random_model
 from scipy.interpolate import CubicSpline
+from scipy.special import softmax
 
 from gazempc.errors import SettingsError
 from gazempc.loop.build import Person, make_predictor
 from gazempc.settings import WalkerSettings
 from gazempc.sim.replay import ReplaySettings
-from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD
+from predictors.walker.features import KNOWN, MIRROR, N_INPUTS, N_PLACES, N_SPREAD, N_VELOCITIES
 from predictors.walker.knots import KNOTS_S, BetweenKnots
 from predictors.walker.network import (
     DEPARTURE_SCALE_M,
@@ -21,7 +22,6 @@ from predictors.walker.network import (
     N_OUTPUTS,
     WalkerModelError,
     load_walker_model,
-    log_odds_of,
     save_walker_model,
 )
 
@@ -35,38 +35,35 @@ def layers(network, inputs):
     return h
 
 
-def motion_of(outputs, line_m_s, places_m):
+def motion_of(outputs, places_m, velocities_m_s):
     """Departures of walking and of standing, and logits of walking."""
     assert outputs.shape[-1] == N_OUTPUTS
     k = 3 * KNOTS_S.size
     departures = outputs[:, :k].reshape(-1, KNOTS_S.size, 3) * DEPARTURE_SCALE_M[:, None]
-    shares = np.exp(outputs[:, k + 1 :])
-    stay_m = (shares / shares.sum(axis=-1, keepdims=True)) @ places_m
-    # Critically damped, from rest, with a time constant of 0.4 s.
+    stay_m = softmax(outputs[:, k + 1 : k + 1 + N_PLACES], axis=-1) @ places_m
+    # Convex combination of rest and of the filters' velocities.
+    initial_m_s = softmax(outputs[:, k + 1 + N_PLACES :], axis=-1) @ np.vstack([np.zeros(3), velocities_m_s[1:]])
+    # Critically damped: a return with a time constant of 0.4 s, and the transient of a velocity with 0.7 s.
     returned = 1.0 - ((1.0 + KNOTS_S / 0.4) * np.exp(-KNOTS_S / 0.4))[:, None]
     at_m = places_m[0] + returned * (stay_m[:, None, :] - places_m[0])
-    return departures, at_m - KNOTS_S[:, None] * line_m_s, outputs[:, k]
+    at_m = at_m + (KNOTS_S * np.exp(-KNOTS_S / 0.7))[:, None] * initial_m_s[:, None, :]
+    return departures, at_m - KNOTS_S[:, None] * velocities_m_s[0], outputs[:, k]
 
 
 @pytest.mark.parametrize(("network", "known"), [("seeing", (1.0, 1.0)), ("seeing", (0.0, 1.0)), ("blind", (0.0, 0.0))])
-@pytest.mark.parametrize("log_odds", [None, 0.7])
-def test_departure_is_the_mean_over_regimes_and_mirror_images(network, known, log_odds):
+def test_departure_is_the_mean_over_regimes_and_mirror_images(network, known):
     """With the network for tracks with orientation, or without."""
     rng, model = np.random.default_rng(3), dataclasses.replace(random_model(), decision=(1.5, 0.3))
     x, spread = rng.standard_normal(N_INPUTS), rng.standard_normal(N_SPREAD)
-    x[KNOWN], line_m_s, places_m = known, rng.standard_normal(3), 0.1 * rng.standard_normal((N_PLACES, 3))
-    own = motion_of(layers(getattr(model, network), x)[None], line_m_s, places_m)
-    turned = motion_of(layers(getattr(model, network), x * MIRROR)[None], line_m_s * [1, -1, 1], places_m * [1, -1, 1])
+    x[KNOWN], of_stay = known, (0.1 * rng.standard_normal((N_PLACES, 3)), rng.standard_normal((N_VELOCITIES, 3)))
+    own = motion_of(layers(getattr(model, network), x)[None], *of_stay)
+    turned = motion_of(layers(getattr(model, network), x * MIRROR)[None], *(each * [1, -1, 1] for each in of_stay))
     mirrored = turned[0] * [1, -1, 1], turned[1] * [1, -1, 1], turned[2]
     walk, stay, logit = (np.concatenate(pair) for pair in zip(own, mirrored, strict=True))
     outputs = model.outputs(x)
-    assert log_odds_of(outputs) == pytest.approx(logit.mean(), abs=1e-6)
-    if log_odds is not None:
-        logit = logit - logit.mean() + log_odds
     walks = 1.0 / (1.0 + np.exp(-1.5 * (logit - 0.3)))
     answers = walks[:, None, None] * walk + (1.0 - walks)[:, None, None] * stay
-    used = log_odds_of(outputs) if log_odds is None else log_odds
-    departure, doubt = model.answer(outputs, used, spread, line_m_s, places_m)
+    departure, doubt = model.answer(outputs, spread, *of_stay)
     np.testing.assert_allclose(departure, answers.mean(axis=0), atol=1e-6)
     np.testing.assert_array_equal(doubt[:N_SPREAD], spread)
     near, far = (int(np.flatnonzero(h == KNOTS_S)[0]) for h in (0.5, 1.0))

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from predictors import ConstantVelocity, HeadObservation, Walker
 from predictors.walker.features import LOG_SD
 from predictors.walker.knots import BetweenKnots
-from predictors.walker.network import log_odds_of
+from predictors.walker.network import N_OUTPUTS, VELOCITIES, WALKS
 
 GAIT_M2 = 0.02**2 * np.eye(3)
 STATED_M2 = np.diag([0.012, 0.01, 0.008]) ** 2
@@ -106,22 +106,21 @@ def test_observation_noise_keeps_its_principal_axes(heading_rad, v):
 
 
 def test_blend_is_the_mixture_of_both_forecasts():
-    """Mean and covariance of a two-part mixture, from moments; the log-odds of walking are low-pass filtered."""
+    """Mean and covariance of a two-part mixture, from moments; the logits are low-pass filtered."""
     walker, cv, model = Walker(random_model()), ConstantVelocity(), random_model()
-    log_odds = -2.5  # before the first frame
+    logits = np.zeros((2, N_OUTPUTS - WALKS))  # before the first frame: not walking, and at rest
+    logits[:, 0], logits[:, VELOCITIES][:, 0] = -2.5, 4.0
     for observation in walking_at(2.6):
         end_s = shown([observation], walker, cv)
         inputs = walker.inputs()
         if inputs.on_foot > 0.0:
             outputs = model.outputs(inputs.network)
-            newest = log_odds_of(outputs)
-            log_odds = newest + np.exp(-1 / 30 / 0.1) * (log_odds - newest)
+            logits = outputs[:, WALKS:] + np.exp(-1 / 30 / 0.1) * (logits - outputs[:, WALKS:])
+            outputs[:, WALKS:] = logits
     share = inputs.on_foot
     assert 0.2 < share < 0.8
     mixed, plain = walker.forecast([end_s + 0.5]), cv.forecast([end_s + 0.5])
-    departure_m, doubt = model.answer(
-        outputs, log_odds, inputs.spread, inputs.velocity_base_m_s @ inputs.to_base, inputs.places_m
-    )
+    departure_m, doubt = model.answer(outputs, inputs.spread, inputs.places_m, inputs.velocities_m_s)
     departure, sd = BetweenKnots(departure_m, model.spread_m(doubt))(np.array([0.5]))
     turn = inputs.to_base
     own = inputs.origin_base_m + 0.5 * inputs.velocity_base_m_s + turn @ departure[0]

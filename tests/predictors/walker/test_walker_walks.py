@@ -78,10 +78,11 @@ def revisions_m(recording, ahead_s=0.5):
     return np.array(found)
 
 
-@pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("start", 0.1), ("stop", 0.1)])
+@pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("start", 0.11), ("stop", 0.11)])
 def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, largest_m):
     """Walking and standing differ by up to 0.7 m at 0.5 s; the decision takes several frames."""
-    assert revisions_m(load(f"subject07_{activity}")).max() < largest_m
+    for k in range(2, 15, 4):
+        assert revisions_m(load(f"subject{k:02d}_{activity}")).max() < largest_m
 
 
 def test_after_a_walk_and_a_sudden_stop_the_forecast_has_no_steady_state_error():
