@@ -151,7 +151,7 @@ def overview(logs: Logs, path: Path) -> None:
         lines_of = "".join(f"; {part.line_name}: {part.label.replace(_OF_ROBOT, 'its')}" for part in beside)
         axes["walk"].set_title(f"the walk from above, and where the robot looks{lines_of}", fontsize="medium")
         heads_alone = draw_gaze_error(axes["error"], logs)
-        legend = "dashed: error of the head alone" if heads_alone else "grey: not scored"
+        legend = "dashed: the head alone" if heads_alone else "grey: not scored"
         axes["error"].set_title(f"green: eye contact (within {CONTACT_DEG[0]:g}°); {legend}", fontsize="medium")
         if lines:
             _draw_people(axes["people"], lines, axes["error"].get_xlim())
