@@ -81,7 +81,7 @@ def revisions_m(recording, ahead_s=0.5):
 @pytest.mark.parametrize(("activity", "largest_m"), [("stand", 0.01), ("start", 0.11), ("stop", 0.11)])
 def test_revisions_of_the_forecast_from_frame_to_frame_are_bounded(activity, largest_m):
     """Walking and standing differ by up to 0.7 m at 0.5 s; the decision takes several frames."""
-    for k in range(2, 15, 4):
+    for k in (6, 7):  # of 14 people those with the largest revisions
         assert revisions_m(load(f"subject{k:02d}_{activity}")).max() < largest_m
 
 
