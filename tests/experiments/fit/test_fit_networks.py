@@ -54,7 +54,7 @@ def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
 
 @pytest.mark.slow
 def test_the_fit_recovers_the_initial_velocity_in_the_regime_of_staying():
-    """People at one place, with 0.8 of the velocity of one of the filters as initial velocity, beside a line."""
+    """People at one place, with 0.8 of the velocity of one of the filters as initial velocity; the line moves."""
     examples = toy(2000, 0)
     examples.velocities_m_s[:, [0, 3]] = np.random.default_rng(2).normal(0.0, 0.3, (2000, 2, 3))
     line_m_s, filter_m_s = examples.velocities_m_s[:, [0]], examples.velocities_m_s[:, [3]]
