@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from experiments.fit.pace import at_pace, flatten, prolong, sway, vary_standing
 from experiments.fit.trackers import USUAL_HZ, beside, draw_tracker, seen_through, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
-from gazempc.errors import GazempcError
+from gazempc.errors import GazempcError, SettingsError
 from gazempc.recordings.load import load
 from gazempc.sim.sensing.spec import YawError
 from gazempc.sim.sensor import SensorSpec, load_sensor
@@ -79,7 +79,7 @@ def _joined(parts: list[Examples], name: str) -> Examples:
     known = [p for p in parts if p.weight.size]
     if not known:
         raise GazempcError(
-            f"{name}: no examples: the person is motionless or faster than 3 m/s in every frame; leave it out"
+            f"{name}: no examples: the person is motionless, faster than 3 m/s or unseen in every frame; leave it out"
         )
     return join(known)
 
@@ -159,7 +159,11 @@ def _variants(
         varied = beside(varied, rng)
         weight = _SYNTHETIC_TURN_WEIGHT if bent else 1.0 if straight or stands else _RECORDED_TURN_WEIGHT
         weight *= min(1.0, USUAL_HZ / sensor.rate_hz)  # at a higher frame rate successive frames are redundant
-        parts.append(examples_of_walk(varied, seen_through(varied, tracker, sensor, rng), weight))
+        try:
+            seen = seen_through(varied, tracker, sensor, rng)
+        except SettingsError:
+            continue  # a short variant at a low rate can lose all frames
+        parts.append(examples_of_walk(varied, seen, weight))
     return parts
 
 

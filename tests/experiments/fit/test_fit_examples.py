@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders.walkers import straight_model
 
-from experiments.fit.examples import _joined, examples_of_walk
+from experiments.fit.examples import _joined, examples_of_walk, fitting_examples
 from experiments.fit.pace import at_pace, idle
 from experiments.fit.trackers import beside, seen_through
 from experiments.fit.variants import GaplessWalk, bend, walk_of
@@ -104,7 +104,9 @@ def test_a_recording_without_examples_is_reported():
     still = standing()
     nothing = examples_of_walk(still, seen(still, "perfect"), 1.0)  # not even sway, so no direction
     assert nothing.weight.size == 0
-    with pytest.raises(GazempcError, match="ann_stands: no examples: the person is motionless or faster than 3 m/s"):
+    with pytest.raises(
+        GazempcError, match="ann_stands: no examples: the person is motionless, faster than 3 m/s or unseen"
+    ):
         _joined([nothing, nothing], "ann_stands")
 
 
@@ -159,6 +161,15 @@ def test_starts_and_stops_join_standing_and_walking():
         assert stops.times_s[-1] == pytest.approx(5.0, abs=0.04)
         assert 0.002 < np.ptp(stands.head_m[:, :2], axis=0).max() < 1.5
         assert speeds(stands, 0.3).max() < 1.5
+
+
+def test_variants_without_a_single_frame_are_left_out(monkeypatch):
+    blind = load_sensor("reference").model_copy(update={"dropout_probability": 1.0 - 1e-9})
+    drawn = iter([("white", blind), ("white", load_sensor("reference"))])
+    monkeypatch.setattr("experiments.fit.examples.draw_tracker", lambda *_: next(drawn))
+    assert fitting_examples("subject01_R1", 0, 2).weight.size > 0
+    with pytest.raises(GazempcError, match="unseen in every frame"):
+        fitting_examples("subject01_R1", 0, 1, blind)
 
 
 def test_the_robot_is_beside_the_walk_and_clear_of_it():
