@@ -79,7 +79,7 @@ def _joined(parts: list[Examples], name: str) -> Examples:
     known = [p for p in parts if p.weight.size]
     if not known:
         raise GazempcError(
-            f"{name}: no examples: the person is motionless, faster than 3 m/s or unseen in every frame; leave it out"
+            f"{name}: no examples: the person is motionless or faster than 3 m/s in every frame; leave it out"
         )
     return join(known)
 
@@ -143,7 +143,7 @@ def _variants(
     stands: bool,
 ) -> list[Examples]:
     straight = is_straight(walk)
-    parts = []
+    parts, unseen = [], None
     for each in plain:
         if stands:
             varied, bent = vary_standing(walk, rng), False
@@ -161,9 +161,12 @@ def _variants(
         weight *= min(1.0, USUAL_HZ / sensor.rate_hz)  # at a higher frame rate successive frames are redundant
         try:
             seen = seen_through(varied, tracker, sensor, rng)
-        except SettingsError:
-            continue  # a short variant at a low rate can lose all frames
+        except SettingsError as error:  # a short variant at a low rate can lose all frames
+            unseen = error
+            continue
         parts.append(examples_of_walk(varied, seen, weight))
+    if unseen and not parts:
+        raise unseen
     return parts
 
 

@@ -13,8 +13,8 @@ from gazempc.types import FloatArray
 _SPEED_M_S = (0.3, 2.0)
 # Walking speed of starts and stops; slower motion is a lean or a step aside.
 _STARTING_M_S = (0.6, 1.9)
-# Faster than published starts and stops: slower ones exchange contact with walking people for contact with starting and
-# stopping ones (`docs/predictors.md`).
+# Durations of starts and stops, shorter than published ones: longer ones increase contact with starting and stopping
+# people and reduce it with walking people (`docs/predictors.md`).
 _RAMP_S = (0.4, 1.3)
 _CHANGES_AT_S = (0.6, 3.5)
 _LONGEST_S = 5.0
