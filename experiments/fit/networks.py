@@ -27,9 +27,8 @@ Float32Array = NDArray[np.float32]
 # people left out: 96 and 64 units have 5 to 9 % larger errors with precise trackers, at 140 variants as at 280; 384 and
 # 256 units reduce errors by at most 2 % and leave eye contact equal within 0.5 points; a second network reduces errors
 # by at most 1 %. The number of people matters more: fitted to 7 walking people in place of 14, networks have 3 to 4 %
-# larger errors for three others (tracker `reference`, 0.5 s), fitted to 3, 8 to 42 %. With other clips of the tested
-# person in the fit, errors of five of six people are 9 to 20 % smaller. Dropout, mixed examples and fewer steps
-# increase errors by 0.5 to 2.5 % (`reference`, `body_tracker`); other amplitudes of gait leave them equal within 1 %.
+# larger errors for three others (tracker `reference`, 0.5 s); with other clips of the tested person in the fit, errors
+# are 9 to 20 % smaller for five of six people.
 HIDDEN = (256, 192)
 _BATCH, _LEARNING_RATE, _WEIGHT_DECAY = 512, 2e-3, 0.2
 # Initial logits of walking, of the newest position as the place of staying (probability 0.2), and of rest as the

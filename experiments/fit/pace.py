@@ -126,7 +126,17 @@ def prolong(walk: GaplessWalk, duration_s: float) -> GaplessWalk:
 
 
 def sway(walk: GaplessWalk, factor: float) -> GaplessWalk:
-    """Scale the horizontal gait, the deviation from the path averaged over a stride, by a factor."""
+    """Scale the horizontal gait, the deviation from the path averaged over a stride, by a factor.
+
+    Within a stride of the ends the average lags or leads the path, so the speed is scaled there, too.
+
+    Args:
+        walk: The walk.
+        factor: Factor of the amplitude.
+
+    Returns:
+        The variant.
+    """
     step_s = float(np.median(np.diff(walk.times_s)))
     path = gaussian_filter1d(walk.head_m[:, :2], _STRIDE_SD_S / step_s, axis=0, mode="nearest")
     head = walk.head_m.copy()
