@@ -7,7 +7,7 @@ import pytest
 from builders.walkers import straight_model
 
 from experiments.fit.examples import _joined, examples_of_walk, fitting_examples
-from experiments.fit.pace import at_pace, idle
+from experiments.fit.pace import at_pace, idle, sway
 from experiments.fit.trackers import beside, seen_through
 from experiments.fit.variants import GaplessWalk, bend, walk_of
 from gazempc.errors import GazempcError
@@ -159,6 +159,19 @@ def test_starts_and_stops_join_standing_and_walking():
         assert stops.times_s[-1] == pytest.approx(5.0, abs=0.04)
         assert 0.002 < np.ptp(stands.head_m[:, :2], axis=0).max() < 1.5
         assert speeds(stands, 0.3).max() < 1.5
+
+
+def test_scaled_sway_has_the_amplitude_of_the_gaussian_average():
+    """The average over a s.d. of 0.3 s retains exp(-(2 pi f 0.3 s)^2 / 2) of a sway of frequency f."""
+    before, after = straight_walk(12.0), sway(straight_walk(12.0), 2.0)
+    retained = np.exp(-0.5 * (2 * np.pi * 0.95 * 0.3) ** 2)
+    inside = slice(60, -60)  # outside, the average is truncated
+    across = [walk.head_m[inside, :2] @ [-np.sin(0.4), np.cos(0.4)] for walk in (before, after)]
+    expected = (2.0 - retained) * (across[0] - across[0].mean())
+    np.testing.assert_allclose(across[1] - across[1].mean(), expected, atol=1e-3)
+    along = [walk.head_m[inside, :2] @ [np.cos(0.4), np.sin(0.4)] for walk in (before, after)]
+    np.testing.assert_allclose(along[1], along[0], atol=1e-3)
+    np.testing.assert_array_equal(after.head_m[:, 2], before.head_m[:, 2])
 
 
 def test_variants_without_a_single_frame_are_left_out(monkeypatch):
