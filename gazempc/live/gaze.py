@@ -232,7 +232,8 @@ class Gaze:
         Args:
             target_base_m: Position in the base frame, shape (3,), metres; None to look at people again.
             min_duration_s: Minimum duration of the motion, seconds.
-            max_velocity_rad_s: Maximum angular speed of the gaze, rad/s.
+            max_velocity_rad_s: Maximum angular speed of the path, rad/s. After late ticks the command returns to the
+                path at up to the limits of the neck.
 
         Returns:
             Time until the joints complete the motion, seconds.

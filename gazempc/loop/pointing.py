@@ -57,7 +57,7 @@ class Place:
             from_direction: Present gaze direction, shape (3,), unit.
             start_s: Start time of the path, seconds.
             min_duration_s: Shortest duration, seconds.
-            max_velocity_rad_s: Highest angular speed of the gaze, rad/s.
+            max_velocity_rad_s: Maximum angular speed of the path, rad/s.
         """
         to = target_base_m - eye_base_m
         by_speed_s = PEAK_VELOCITY * float(angle_between_rad(from_direction, to)) / (_SPEED_SHARE * max_velocity_rad_s)

@@ -146,12 +146,13 @@ def test_a_slow_goal_keeps_its_speed_limit_and_attention_resumes(stage):
     gaze.stop()
     controller.stop()
     _, _, joints_rad, _, _ = stage.rows()
-    # Measured on commands: joints catch up with messages that a busy computer delivers in bursts. After a late tick the
-    # command catches up with the plan, within the limits of the neck.
+    # Duration from 5 to 95 % of the angle, against a minimum-jerk path whose peak velocity, 15/8 of the mean, is the
+    # limit. The peak of the commands itself depends on the computer: after a late tick the command returns to the path.
+    share = np.linspace(0.0, 1.0, 1001)
+    begins, ends = np.interp((0.05, 0.95), share**3 * (10.0 - 15.0 * share + 6.0 * share**2), share)
+    shortest_s = (ends - begins) * 15.0 / 8.0 * (math.pi / 4) / 0.4
     log = gz.load_log(stage.gaze_file)
-    late_s = log.time_s[1:][np.diff(log.time_s) > 1.5 * NECK.servo_period_s]
-    since_s = log.time_s[:, None] - late_s
-    steady = ~np.any((since_s >= 0.0) & (since_s < 0.2), axis=1)
-    commanded_rad_s = abs(log.command_velocity_rad_s[steady, 0]).max()
-    assert 0.3 < commanded_rad_s <= 0.4 * (1.0 + 1e-9)
+    covered = log.command_position_rad[:, 0] / (math.pi / 4)
+    took_s = log.time_s[np.argmax(covered >= 0.95)] - log.time_s[np.argmax(covered >= 0.05)]
+    assert shortest_s <= took_s < 1.5 * shortest_s
     assert joints_rad[-1, 0] == pytest.approx(math.pi / 4, abs=0.035)
