@@ -14,7 +14,7 @@ for controller in ("reactive", "lookahead", "mpc", "mpc+perfect"):
     print(f"{controller:<11} {shown}  mean {np.mean(errors_deg):5.2f} deg, eye contact {contact:4.0%}")
 
 # It prints:
-# reactive     9.89, 11.37  mean 10.63 deg, eye contact  11%
-# lookahead    0.34,  2.81  mean  1.58 deg, eye contact  91%
-# mpc          0.38,  2.68  mean  1.53 deg, eye contact  91%
+# reactive     9.89, 11.39  mean 10.64 deg, eye contact  11%
+# lookahead    0.32,  2.72  mean  1.52 deg, eye contact  91%
+# mpc          0.37,  2.52  mean  1.45 deg, eye contact  92%
 # mpc+perfect  0.09,  0.11  mean  0.10 deg, eye contact 100%

@@ -40,7 +40,7 @@ if __name__ == "__main__":
         )
 
 # It prints:
-# early_0.5 gaze  2.30 deg, 0.85 rad/s^2, limit violations: 0
-# early_1.0 gaze  5.87 deg, 1.41 rad/s^2, limit violations: 0
-# lookahead gaze  1.30 deg, 0.68 rad/s^2, limit violations: 0
-# mpc       gaze  1.26 deg, 0.63 rad/s^2, limit violations: 0
+# early_0.5 gaze  2.35 deg, 0.90 rad/s^2, limit violations: 0
+# early_1.0 gaze  5.87 deg, 1.53 rad/s^2, limit violations: 0
+# lookahead gaze  1.26 deg, 0.64 rad/s^2, limit violations: 0
+# mpc       gaze  1.27 deg, 0.66 rad/s^2, limit violations: 0

@@ -47,4 +47,4 @@ if __name__ == "__main__":
 # It prints:
 # MeanVelocity       forecast 122 mm off after 0.5 s, gaze 2.75 deg
 # constant_velocity  forecast 118 mm off after 0.5 s, gaze 2.63 deg
-# walker             forecast  55 mm off after 0.5 s, gaze 1.26 deg
+# walker             forecast  56 mm off after 0.5 s, gaze 1.27 deg

@@ -60,13 +60,13 @@ if __name__ == "__main__":
 # running; Ctrl-C stops
 #    0.0 s  no_observation_yet: no person has been observed yet; the neck holds still
 #    1.0 s  seen 0.08 s ago, 4.24 m away; 29 observations/s, 100 % used; looks at pan -16.4, tilt +7.1 deg; aims at -18.1, +6.0; plan 5 ms old; ticks at most 0.00 ms late; began: no_observation_yet 1 x
-#    2.0 s  seen 0.08 s ago, 3.24 m away; 30 observations/s, 100 % used; looks at pan -15.0, tilt +8.7 deg; aims at -12.3, +7.5; plan 5 ms old; ticks at most 0.00 ms late
-#    3.0 s  seen 0.08 s ago, 2.75 m away; 30 observations/s, 100 % used; looks at pan +5.1, tilt +8.9 deg; aims at +9.4, +7.3; plan 5 ms old; ticks at most 0.00 ms late
-#    4.0 s  seen 0.08 s ago, 2.78 m away; 30 observations/s, 100 % used; looks at pan +25.9, tilt +8.4 deg; aims at +29.1, +6.6; plan 5 ms old; ticks at most 0.00 ms late
+#    2.0 s  seen 0.08 s ago, 3.24 m away; 30 observations/s, 100 % used; looks at pan -15.0, tilt +8.7 deg; aims at -12.6, +7.6; plan 5 ms old; ticks at most 0.00 ms late
+#    3.0 s  seen 0.08 s ago, 2.75 m away; 30 observations/s, 100 % used; looks at pan +5.3, tilt +8.9 deg; aims at +9.4, +7.2; plan 5 ms old; ticks at most 0.00 ms late
+#    4.0 s  seen 0.08 s ago, 2.78 m away; 30 observations/s, 100 % used; looks at pan +25.8, tilt +8.3 deg; aims at +28.9, +6.6; plan 5 ms old; ticks at most 0.00 ms late
 # stopped by: end of the source
 # 945 ticks, 0 skipped; later than due by 0.00 ms (p50), 0.00 ms (p99), 0.00 ms (max)
 # from capture to command: 90 ms (p50), 103 ms (p99)
-# gaze error 3.19 deg RMS, eye contact (2.6 deg) 51 %, against the recording's true head
+# gaze error 3.17 deg RMS, eye contact (2.6 deg) 53 %, against the recording's true head
 # limit violations: 0
 #   no_observation_yet 1 x
 # Written to out/live/: report.html, summary.json, log_000.npz, compute_000.npz

@@ -22,6 +22,6 @@ for fault in log.faults:  # exceptions caught by the loop, with tracebacks
 # It prints:
 # subject03_R4: mpc with walker on neck reference
 # 934 ticks, 138 observations, to 4.67 s
-# pan from -18.3 to 36.6 deg
+# pan from -18.3 to 36.4 deg
 # observations are 68 ms old when they arrive
 # 0.00 s: no_observation_yet

@@ -13,6 +13,6 @@ for smoothing_time_s in (0.04, 0.08, 0.16):
 
 # It prints:
 # smoothing  gaze error  acceleration
-#    0.04 s    1.06 deg   1.67 rad/s^2
-#    0.08 s    1.14 deg   0.97 rad/s^2
-#    0.16 s    1.48 deg   0.53 rad/s^2
+#    0.04 s    1.09 deg   1.76 rad/s^2
+#    0.08 s    1.16 deg   1.04 rad/s^2
+#    0.16 s    1.48 deg   0.54 rad/s^2

@@ -20,7 +20,7 @@ for dead_time_s in (0.1, 0.4):
         print(f"dead time {dead_time_s} s, {controller:<8} {error_deg:5.2f} deg, eye contact {contact:4.0%}")
 
 # It prints:
-# dead time 0.1 s, reactive  6.19 deg, eye contact  30%
-# dead time 0.1 s, mpc       0.75 deg, eye contact 100%
+# dead time 0.1 s, reactive  6.20 deg, eye contact  30%
+# dead time 0.1 s, mpc       0.76 deg, eye contact 100%
 # dead time 0.4 s, reactive 10.72 deg, eye contact  21%
-# dead time 0.4 s, mpc       1.87 deg, eye contact  84%
+# dead time 0.4 s, mpc       1.86 deg, eye contact  87%

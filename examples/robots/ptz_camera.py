@@ -19,6 +19,6 @@ for controller in ("reactive", "lookahead", "mpc"):
     )
 
 # It prints:
-# reactive  8.62 deg, within 4 deg  34% of the time, top speed 28 deg/s
-# lookahead 1.33 deg, within 4 deg  99% of the time, top speed 47 deg/s
-# mpc       1.35 deg, within 4 deg 100% of the time, top speed 46 deg/s
+# reactive  8.63 deg, within 4 deg  34% of the time, top speed 28 deg/s
+# lookahead 1.29 deg, within 4 deg 100% of the time, top speed 48 deg/s
+# mpc       1.35 deg, within 4 deg 100% of the time, top speed 47 deg/s

@@ -16,7 +16,7 @@ for neck in ("reachy_mini", "reachy_mini_body"):
         )
 
 # It prints:
-# reachy_mini      reactive  4.26 deg, eye contact  39%, 0.56 rad/s²
-# reachy_mini      mpc       0.52 deg, eye contact 100%, 0.70 rad/s²
-# reachy_mini_body reactive  1.62 deg, eye contact  89%, 0.92 rad/s²
-# reachy_mini_body mpc       0.51 deg, eye contact 100%, 0.66 rad/s²
+# reachy_mini      reactive  4.26 deg, eye contact  39%, 0.54 rad/s²
+# reachy_mini      mpc       0.53 deg, eye contact 100%, 0.66 rad/s²
+# reachy_mini_body reactive  1.63 deg, eye contact  89%, 0.92 rad/s²
+# reachy_mini_body mpc       0.51 deg, eye contact 100%, 0.65 rad/s²

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from experiments.fit.pace import at_pace, flatten, prolong, sway, vary_standing
-from experiments.fit.trackers import USUAL_HZ, beside, draw_tracker, seen_through, wobble
+from experiments.fit.trackers import USUAL_HZ, beside, draw_tracker, seen_through, with_onset_error, wobble
 from experiments.fit.variants import GaplessWalk, vary, walk_of
 from gazempc.errors import GazempcError, SettingsError
 from gazempc.recordings.load import load
@@ -33,6 +33,9 @@ _LONG_S = 8.0
 _SWAY_SHARE, _SWAY_FACTOR, _FLAT_SHARE = 0.5, (0.6, 2.0), 0.5
 _BENT_SHARE = 0.6
 _WOBBLE_SHARE = 0.5
+# Additional variants with an error of the first frames, as a share of the others, of walking and of standing people.
+# Without these, a track that begins with a jump is forecast as a walk, and contact with walkers begins later.
+_ONSET_SHARE, _ONSET_SHARE_STANDING = 0.2, 0.4
 # Weights of synthetic and of recorded turns. A lower weight of the first increases errors in turns of people left out,
 # without a benefit on straight walks; a higher weight of the second, of few people, increases errors on straight walks.
 _SYNTHETIC_TURN_WEIGHT, _RECORDED_TURN_WEIGHT = 2.0, 0.5
@@ -131,8 +134,9 @@ def fitting_examples(path: str, seed: int, variants: int, tracker: SensorSpec | 
         GazempcError: If the recording cannot be read, is too short, or gives no examples.
     """
     name, walk, rng, stands = _walk_and_rng(path, seed)
-    plain = [_PLAIN[k % len(_PLAIN)] for k in range(variants)]
-    return _joined(_variants(walk, rng, plain, tracker, stands), name)
+    onsets = round((_ONSET_SHARE_STANDING if stands else _ONSET_SHARE) * variants)
+    plain = [_PLAIN[k % len(_PLAIN)] for k in range(variants + onsets)]
+    return _joined(_variants(walk, rng, plain, tracker, stands, variants), name)
 
 
 def _variants(
@@ -141,10 +145,12 @@ def _variants(
     plain: Sequence[bool],
     given: SensorSpec | None,
     stands: bool,
+    whole: int,
 ) -> list[Examples]:
+    """Variants of a walk, the first `whole` of them without an error of their first frames."""
     straight = is_straight(walk)
     parts, unseen = [], None
-    for each in plain:
+    for k, each in enumerate(plain):
         if stands:
             varied, bent = vary_standing(walk, rng), False
         else:
@@ -164,7 +170,7 @@ def _variants(
         except SettingsError as error:  # a short variant at a low rate can lose all frames
             unseen = error
             continue
-        parts.append(examples_of_walk(varied, seen, weight))
+        parts.append(examples_of_walk(varied, seen if k < whole else with_onset_error(seen, rng), weight))
     if unseen and not parts:
         raise unseen
     return parts
@@ -217,7 +223,7 @@ def scoring_examples(path: str, seed: int, tracker: SensorSpec | None = None) ->
     for sensor in (tracker,) if tracker else scoring_sensors():
         placed = beside(walk, rng)
         parts.append(examples_of_walk(placed, seen_through(placed, "given", sensor, rng), weight))
-    parts += _variants(walk, rng, [False] * _SCORED_VARIANTS, tracker, stands)
+    parts += _variants(walk, rng, [False] * _SCORED_VARIANTS, tracker, stands, _SCORED_VARIANTS)
     return _joined(parts, name)
 
 

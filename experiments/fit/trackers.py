@@ -47,6 +47,8 @@ _BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.5, 0.7
 _STREET_HZ, _SLOW_HZ, _FAST_HZ = (2.5, 5.0, 10.0, 16.0, 25.0, 30.0, 50.0), (2.5, 5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
 _DROPOUT, _LOSS_S, _JITTER_PERIODS = (0.05, 0.5), (0.2, 1.0), (0.1, 0.5)
 _SLOW_SHARE, _FAST_SHARE = 0.15, 0.1
+# Error of a track's first frames: s.d. on a horizontal axis and duration.
+_ONSET_M, _ONSET_S, _ONSET_LASTS_S = (0.02, 0.15), (0.03, 0.25), 1.0
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 0.8, 5.0
 # Upsampling rate of walks for higher frame rates, and for frames with jitter.
@@ -162,6 +164,27 @@ def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.rando
     track = Track(positions, head, np.full((n, 3), np.nan), pelvis)
     recording = Recording("walk", "fit", "motion capture", walk.times_s, track, None, True, Labels("walk"))
     return [s.observation for s in observe(recording, sensor, int(rng.integers(2**31)))]
+
+
+def with_onset_error(observations: list[HeadObservation], rng: np.random.Generator) -> list[HeadObservation]:
+    """The first second of a track with an error of its first frames, which ends with a jump or decays linearly.
+
+    Args:
+        observations: Observations of the track, in order of capture.
+        rng: Random generator.
+
+    Returns:
+        The observations of the first second.
+    """
+    error_m = log_uniform(rng, *_ONSET_M) * rng.standard_normal(3) * [1.0, 1.0, 0.5]
+    lasts_s, decays = log_uniform(rng, *_ONSET_S), rng.random() < 0.5
+    found = []
+    for each in observations:
+        age_s = each.capture_time_s - observations[0].capture_time_s
+        share = max(0.0, 1.0 - age_s / lasts_s) if decays else float(age_s < lasts_s)
+        if age_s < _ONSET_LASTS_S:
+            found.append(replace(each, head_position_base_m=each.head_position_base_m + share * error_m))
+    return found
 
 
 def _finer(walk: GaplessWalk) -> GaplessWalk:

@@ -8,7 +8,7 @@ from builders.walkers import straight_model
 
 from experiments.fit.examples import _joined, examples_of_walk, fitting_examples
 from experiments.fit.pace import at_pace, idle, sway
-from experiments.fit.trackers import beside, seen_through
+from experiments.fit.trackers import beside, seen_through, with_onset_error
 from experiments.fit.variants import GaplessWalk, bend, walk_of
 from gazempc.errors import GazempcError
 from gazempc.recordings.load import load
@@ -172,6 +172,25 @@ def test_scaled_sway_has_the_amplitude_of_the_gaussian_average():
     along = [walk.head_m[inside, :2] @ [np.cos(0.4), np.sin(0.4)] for walk in (before, after)]
     np.testing.assert_allclose(along[1], along[0], atol=1e-3)
     np.testing.assert_array_equal(after.head_m[:, 2], before.head_m[:, 2])
+
+
+def test_an_onset_error_ends_within_a_quarter_of_a_second():
+    track, first_m = seen(standing(), "perfect"), []
+    for seed in range(200):
+        found = with_onset_error(track, np.random.default_rng(seed))
+        assert [each.capture_time_s for each in found] == [
+            each.capture_time_s for each in track if each.capture_time_s < track[0].capture_time_s + 1.0
+        ]
+        pairs = zip(found, track, strict=False)
+        error_m = np.array([each.head_position_base_m - true.head_position_base_m for each, true in pairs])
+        ages_s = np.array([each.capture_time_s for each in found]) - track[0].capture_time_s
+        assert np.all(error_m[ages_s >= 0.25] == 0.0)
+        size_m = np.linalg.norm(error_m, axis=1)
+        assert np.all(np.diff(size_m) <= 0.0)
+        first_m.append(error_m[0])
+    # Variance of a log-uniform standard deviation: (b^2 - a^2) / (2 log(b / a)).
+    expected_m = np.sqrt((0.15**2 - 0.02**2) / (2.0 * np.log(0.15 / 0.02)))
+    np.testing.assert_allclose(np.std(first_m, axis=0), expected_m * np.array([1.0, 1.0, 0.5]), rtol=0.2)
 
 
 def test_variants_without_a_single_frame_are_left_out(monkeypatch):

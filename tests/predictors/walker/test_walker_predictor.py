@@ -110,12 +110,13 @@ def test_blend_is_the_mixture_of_both_forecasts():
     walker, cv, model = Walker(random_model()), ConstantVelocity(), random_model()
     logits = np.zeros((2, N_OUTPUTS - WALKS))  # before the first frame: not walking, and at rest
     logits[:, 0], logits[:, VELOCITIES][:, 0] = -2.5, 4.0
+    of_old = np.exp(-1 / 30 / np.array([0.1, *[0.6] * (logits.shape[1] - 1)]))
     for observation in walking_at(2.6):
         end_s = shown([observation], walker, cv)
         inputs = walker.inputs()
         if inputs.on_foot > 0.0:
             outputs = model.outputs(inputs.network)
-            logits = outputs[:, WALKS:] + np.exp(-1 / 30 / 0.1) * (logits - outputs[:, WALKS:])
+            logits = outputs[:, WALKS:] + of_old * (logits - outputs[:, WALKS:])
             outputs[:, WALKS:] = logits
     share = inputs.on_foot
     assert 0.2 < share < 0.8
