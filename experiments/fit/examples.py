@@ -33,8 +33,9 @@ _LONG_S = 8.0
 _SWAY_SHARE, _SWAY_FACTOR, _FLAT_SHARE = 0.5, (0.6, 2.0), 0.5
 _BENT_SHARE = 0.6
 _WOBBLE_SHARE = 0.5
-# Additional variants with an error of the first frames, as a share of the others, of walking and of standing people.
-# Without these, a track that begins with a jump is forecast as a walk, and contact with walkers begins later.
+# Additional variants with an error of the first frames, as a share of the others, of walking and of standing people: in
+# three tracks of waiting pedestrians that begin with a jump, none in the fit, the gaze error falls by a third. Three
+# times as many: forecast at 0.5 s 0.6 % worse on walking people left out.
 _ONSET_SHARE, _ONSET_SHARE_STANDING = 0.2, 0.4
 # Weights of synthetic and of recorded turns. A lower weight of the first increases errors in turns of people left out,
 # without a benefit on straight walks; a higher weight of the second, of few people, increases errors on straight walks.
@@ -145,9 +146,9 @@ def _variants(
     plain: Sequence[bool],
     given: SensorSpec | None,
     stands: bool,
-    whole: int,
+    n_whole: int,
 ) -> list[Examples]:
-    """Variants of a walk, the first `whole` of them without an error of their first frames."""
+    """Variants of a walk; those after the first `n_whole` have an error of their first frames."""
     straight = is_straight(walk)
     parts, unseen = [], None
     for k, each in enumerate(plain):
@@ -170,7 +171,7 @@ def _variants(
         except SettingsError as error:  # a short variant at a low rate can lose all frames
             unseen = error
             continue
-        parts.append(examples_of_walk(varied, seen if k < whole else with_onset_error(seen, rng), weight))
+        parts.append(examples_of_walk(varied, seen if k < n_whole else with_onset_error(seen, rng), weight))
     if unseen and not parts:
         raise unseen
     return parts

@@ -47,7 +47,8 @@ _BODY_STATES, _CAMERA_STATES, _CAMERA_SEES_YAW = 0.2, 0.5, 0.7
 _STREET_HZ, _SLOW_HZ, _FAST_HZ = (2.5, 5.0, 10.0, 16.0, 25.0, 30.0, 50.0), (2.5, 5.0, 7.5, 10.0, 15.0), (50.0, 60.0)
 _DROPOUT, _LOSS_S, _JITTER_PERIODS = (0.05, 0.5), (0.2, 1.0), (0.1, 0.5)
 _SLOW_SHARE, _FAST_SHARE = 0.15, 0.1
-# Error of a track's first frames: s.d. on a horizontal axis and duration.
+# Error of the first frames: s.d. on a horizontal axis (vertical: half of it), up to jumps of 10 cm, as at the start
+# of tracks of waiting pedestrians; its duration; length of the examples.
 _ONSET_M, _ONSET_S, _ONSET_LASTS_S = (0.02, 0.15), (0.03, 0.25), 1.0
 _HEIGHT_M = 1.2
 _NEAREST_M, _FARTHEST_M = 0.8, 5.0
@@ -169,12 +170,14 @@ def seen_through(walk: GaplessWalk, kind: str, sensor: SensorSpec, rng: np.rando
 def with_onset_error(observations: list[HeadObservation], rng: np.random.Generator) -> list[HeadObservation]:
     """The first second of a track with an error of its first frames, which ends with a jump or decays linearly.
 
+    Standard deviation and duration are log-uniform: 2 to 15 cm and 0.03 to 0.25 s.
+
     Args:
-        observations: Observations of the track, in order of capture.
+        observations: Observations of the track, in order of capture time.
         rng: Random generator.
 
     Returns:
-        The observations of the first second.
+        The observations less than one second newer than the first, with erroneous positions.
     """
     error_m = log_uniform(rng, *_ONSET_M) * rng.standard_normal(3) * [1.0, 1.0, 0.5]
     lasts_s, decays = log_uniform(rng, *_ONSET_S), rng.random() < 0.5
