@@ -43,7 +43,7 @@ def test_the_fit_recovers_the_place_to_which_people_return_exponentially():
     examples = toy(2000, 0)
     examples.places_m[:, 1] = np.random.default_rng(2).normal(0.0, 0.2, (2000, 3))
     examples.departure_m[:] = 0.6 * (1.0 - np.exp(-KNOTS_S / 0.5))[:, None] * examples.places_m[:, 1:2]
-    fitted = fit_network(examples, 0, 1500)
+    fitted = fit_network(examples, 0, 500)
     outputs = np.array([fitted(network)[0] for network in examples.network.astype(float)])
     logits, stays = outputs[:, PLACES], 1.0 / (1.0 + np.exp(outputs[:, WALKS]))
     # The return of the forecast to the same place has another profile.
@@ -59,7 +59,7 @@ def test_the_fit_recovers_the_initial_velocity_in_the_regime_of_staying():
     examples.velocities_m_s[:, [0, 3]] = np.random.default_rng(2).normal(0.0, 0.3, (2000, 2, 3))
     line_m_s, filter_m_s = examples.velocities_m_s[:, [0]], examples.velocities_m_s[:, [3]]
     examples.departure_m[:] = 0.8 * TRANSIENT_S[:, None] * filter_m_s - KNOTS_S[:, None] * line_m_s
-    fitted = fit_network(examples, 0, 1500)
+    fitted = fit_network(examples, 0, 500)
     outputs = np.array([fitted(network)[0] for network in examples.network.astype(float)])
     assert np.mean(1.0 / (1.0 + np.exp(outputs[:, WALKS]))) > 0.97
     assert np.mean(softmax(outputs[:, VELOCITIES], axis=1)[:, 3]) == pytest.approx(0.8, abs=0.03)
