@@ -241,6 +241,7 @@ def on_this_machine(jobs: Mapping[str, Job], count: int) -> Results:
         initializer=_end_with_parent,
         initargs=(os.getpid(),),
     )
+    results: Any = None
     try:
         with _environment():
             # Before signals are blocked: the start of a resource tracker would unblock them.
@@ -250,6 +251,10 @@ def on_this_machine(jobs: Mapping[str, Job], count: int) -> Results:
         yield from results
     except BrokenProcessPool:
         raise GazempcError("a worker process died (killed, or out of memory)") from None
+    except KeyboardInterrupt as error:
+        if results is not None:  # a signal during the start: if its generator is only deleted, joblib warns of it
+            results.throw(error)
+        raise
 
 
 class Cluster:

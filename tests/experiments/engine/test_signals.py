@@ -2,6 +2,7 @@
 cluster."""
 
 import contextlib
+import gc
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from builders.waiting import wait_for
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Engine
+from experiments.engine.job import on_this_machine
 
 ROOT = Path(__file__).resolve().parents[3]
 # Far beyond the documented 3 s, for a loaded machine; a hang would be endless.
@@ -66,6 +68,26 @@ def test_a_signal_ends_command_and_workers_and_keeps_results(sent, to, tmp_path)
         assert not any(alive(pid) for pid in workers)
     assert len(list((tmp_path / "runs").glob("*.npz"))) == 3
     assert not list((tmp_path / "runs").glob("*.part"))
+
+
+class Interrupting(dict):
+    """Jobs during whose dispatch Ctrl-C arrives; it is blocked until the workers have started."""
+
+    def items(self):
+        signal.raise_signal(signal.SIGINT)
+        return super().items()
+
+
+@pytest.mark.slow
+def test_a_signal_during_the_start_of_the_workers_gives_no_warning(tmp_path):
+    jobs = Interrupting({str(k): Tiny(k, "sleep", str(tmp_path / "log")) for k in range(4)})
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            next(on_this_machine(jobs, 2))
+        gc.collect()
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.slow
