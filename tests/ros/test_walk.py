@@ -20,7 +20,7 @@ from gazempc.sim.scene import SceneSettings, make_scene
 
 pytestmark = pytest.mark.slow
 NECK = gz.load_neck("reference")
-PASSES = 4
+PASSES = 2
 CONE_RAD = np.deg2rad(2.6)
 
 
