@@ -252,7 +252,7 @@ def on_this_machine(jobs: Mapping[str, Job], count: int) -> Results:
     except BrokenProcessPool:
         raise GazempcError("a worker process died (killed, or out of memory)") from None
     except KeyboardInterrupt as error:
-        if results is not None:  # a signal during the start: if its generator is only deleted, joblib warns of it
+        if results is not None:  # during the start; joblib warns of a generator deleted before its tasks are done
             results.throw(error)
         raise
 
