@@ -95,8 +95,8 @@ def test_eye_contact_and_latency_equal_those_without_ros(stage):
     assert gz.measure(log).limit_violations == 0
     assert abs(speeds_rad_s).max() <= 1.03 * NECK.velocity_max_rad_s.max()
     assert with_ros.size == without.size == PASSES
-    # On an idle computer the means differ by 0.01 and messages take 1 ms, see docs/ros2.md. A busy one can hold messages
-    # up for a third of a second in one pass: the pass with the smallest loss counts, and the tracker's period.
+    # On an idle computer the means differ by 0.01 and messages take 1 ms, see docs/ros2.md. On a busy one, messages can
+    # wait for a third of a second in one pass: the pass with the smallest loss counts, and the tracker's period.
     assert (with_ros - without).max() > -0.05
     assert np.median(both_ms) < 33.0
 
