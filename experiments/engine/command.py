@@ -104,7 +104,7 @@ class ChoiceSettings(WorkSettings):
 
 
 def check_fitted(walker: WalkerSettings) -> None:
-    """Raise WalkerModelError if the fitted models cannot be read."""
+    """Raise SettingsError if the fitted models cannot be read."""
     if walker.fitted is not None:
         walker_model(walker.fitted, "")
 

@@ -121,7 +121,15 @@ def program_hash() -> str:
 
 def file_hash(path: Path) -> str:
     """Hash of a file's bytes; empty if the file does not exist."""
-    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    if not path.is_file():
+        return ""
+    state = path.stat()
+    return _hash_of(path, state.st_ino, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=4096)  # thousands of jobs have the same recordings and models
+def _hash_of(path: Path, *_state: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def recording_hash(name_or_path: str) -> list[str]:

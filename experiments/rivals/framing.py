@@ -20,7 +20,7 @@ from pydantic import Field
 
 import gazempc as gz
 from experiments.aggregate import bootstrap_mean, grouped
-from experiments.engine.command import Command, WorkSettings, exit_status, find_recordings, in_place
+from experiments.engine.command import Command, WorkSettings, check_fitted, exit_status, find_recordings, in_place
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.pages import markdown, with_ends, write_rows
@@ -32,7 +32,7 @@ from experiments.rivals.trials import STAND, STOP, Trial, make_trial
 from gazempc.files.whole import write_whole
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.results.run_summary import without_nan
-from gazempc.settings import DEFAULT_PREDICTOR, LoopSettings
+from gazempc.settings import DEFAULT_PREDICTOR, LoopSettings, WalkerSettings
 from gazempc.sim.replay import ReplaySettings, replay_scene
 from gazempc.sim.scene import Scene
 from gazempc.sim.sensing.spec import FieldOfView
@@ -102,6 +102,7 @@ class FramingSettings(WorkSettings):
     laws: tuple[str, ...] = Field(default=(*LAWS, POINT, OURS), min_length=1, description="Control laws")
     devices: tuple[str, ...] = Field(default=tuple(DEVICES), min_length=1, description="Devices")
     framing: gz.Framing = FRAMING
+    walker: WalkerSettings = WalkerSettings()
     out: Path = Field(default=Path("out/framing"), description="Output folder; an interrupted run resumes from it")
 
 
@@ -128,6 +129,7 @@ class FramingJob(RivalJob):
         if self.rival in (OURS, POINT):
             settings = ReplaySettings(
                 framing=self.framing if self.rival == OURS else gz.Framing(subject="no"),
+                walker=self.walker,
                 loop=LoopSettings(stale_after_s=0.5 + late_s, lost_after_s=1.5 + late_s, rest_after_s=10.0),
             )
             log = replay_scene(scene, "mpc", DEFAULT_PREDICTOR, settings).log
@@ -140,10 +142,20 @@ class FramingJob(RivalJob):
 def _jobs(settings: FramingSettings) -> list[FramingJob]:
     check_names("law", settings.laws, (*RIVALS, POINT, OURS))
     check_names("device", settings.devices, tuple(DEVICES))
+    check_fitted(settings.walker)
     people = [(STOP, in_place(name)) for name in find_recordings(settings.recordings)]
     people += [(STAND, in_place(name)) for name in find_recordings(settings.standing)] if settings.standing else []
     return [
-        FramingJob(law, trial, name, device.neck(label), device.sensor(), 0, constants, framing=settings.framing)
+        FramingJob(
+            law,
+            trial,
+            name,
+            device.neck(label),
+            device.sensor(),
+            constants=constants,
+            walker=settings.walker,
+            framing=settings.framing,
+        )
         for label, device in ((label, DEVICES[label]) for label in settings.devices)
         for law in settings.laws
         for constants in _CANDIDATES.get(law, ({},))

@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from experiments.rivals.framing import DEVICES, FIGURES, OURS, main, summarise
+from experiments.rivals.framing import DEVICES, FIGURES, OURS, FramingJob, main, summarise
 from experiments.rivals.simulate import driven_by
+from experiments.rivals.trials import STOP
+from gazempc.errors import SettingsError
+from gazempc.settings import WalkerSettings
 
 
 def run_of(law, zone, reversals, constants="{}", device="cheap"):
@@ -49,3 +52,12 @@ def test_the_report_first_names_where_the_mpc_is_worse(tmp_path, capsys):
     assert text.index("Goal") < text.index("| good")
     assert (tmp_path / "framing.png").stat().st_size > 10_000
     assert np.isfinite(found[OURS]["rms_acceleration_rad_s2"])
+
+
+def test_the_forecast_is_that_of_the_fitted_models(tmp_path, capsys):
+    missing = tmp_path / "walker.npz"
+    assert main(["--recordings", "subject01_R1", "--laws", OURS, "--walker.fitted", str(missing)]) == 2
+    assert str(missing) in capsys.readouterr().err
+    neck, sensor = DEVICES["good"].neck("good"), DEVICES["good"].sensor()
+    with pytest.raises(SettingsError, match=r"walker\.npz"):
+        FramingJob(OURS, STOP, "subject01_R1", neck, sensor, walker=WalkerSettings(fitted=missing)).run()
