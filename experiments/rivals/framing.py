@@ -97,7 +97,9 @@ DEVICES = {
 class FramingSettings(WorkSettings):
     """Settings of `python -m experiments.rivals.framing`."""
 
-    recordings: tuple[str, ...] = Field(min_length=1, description="Walks: 'synthetic', folders, files or names")
+    recordings: tuple[str, ...] = Field(
+        default=(), description="Walks: 'synthetic' (default, without --standing), folders, files or names"
+    )
     standing: tuple[str, ...] = Field(default=(), description="Standing people: as for recordings")
     laws: tuple[str, ...] = Field(default=(*LAWS, POINT, OURS), min_length=1, description="Control laws")
     devices: tuple[str, ...] = Field(default=tuple(DEVICES), min_length=1, description="Devices")
@@ -143,8 +145,9 @@ def _jobs(settings: FramingSettings) -> list[FramingJob]:
     check_names("law", settings.laws, (*RIVALS, POINT, OURS))
     check_names("device", settings.devices, tuple(DEVICES))
     check_fitted(settings.walker)
-    people = [(STOP, in_place(name)) for name in find_recordings(settings.recordings)]
-    people += [(STAND, in_place(name)) for name in find_recordings(settings.standing)] if settings.standing else []
+    walks = settings.recordings or (() if settings.standing else ("synthetic",))
+    people = [(STOP, in_place(name)) for name in find_recordings(walks)]
+    people += [(STAND, in_place(name)) for name in find_recordings(settings.standing)]
     return [
         FramingJob(
             law,

@@ -54,6 +54,15 @@ def test_the_report_first_names_where_the_mpc_is_worse(tmp_path, capsys):
     assert np.isfinite(found[OURS]["rms_acceleration_rad_s2"])
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("in_this_process")
+def test_standing_people_alone_are_compared_without_walks(tmp_path):
+    words = ["--standing", "subject01_stand", "--laws", "pixel_pid", "--devices", "good"]
+    assert main([*words, "--jobs", "1", "--out", str(tmp_path)]) == 0
+    (row,) = json.loads((tmp_path / "framing.json").read_text())["rows"]
+    assert row["n_clips"] == 1
+
+
 def test_the_forecast_is_that_of_the_fitted_models(tmp_path, capsys):
     missing = tmp_path / "walker.npz"
     assert main(["--recordings", "subject01_R1", "--laws", OURS, "--walker.fitted", str(missing)]) == 2
