@@ -48,8 +48,8 @@ class Framing(Strict):
         default=0.5,
         ge=0,
         le=5,
-        description="Before the camera turns back, the zone is wider by this share for each second of delay; larger: "
-        "fewer reversals, less time in the zone",
+        description="Before the camera turns back, the zone is wider on that side by this share of its half width for "
+        "each second of delay; larger: fewer reversals, less time in the zone",
     )
     smoothing_time_s: float = Field(default=0.2, gt=0, le=1, description="T of the program; larger is calmer")
     horizon_s: float = Field(default=1.2, ge=0.1, le=5, description="Length of the plan after the dead time")
