@@ -81,7 +81,7 @@ class BodyAim(_PlannedJoint):
         super().__init__(neck, neck.joint_names.index(BODY_AXIS), knots_s)
         limits = neck.command_limits
         self._range_rad = limits.position_min_rad[self._joint], limits.position_max_rad[self._joint]
-        self._head_rad = _HEAD_SHARE * min(-limits.position_min_rad[0], limits.position_max_rad[0])
+        self._head_rad = _HEAD_SHARE * max(min(-limits.position_min_rad[0], limits.position_max_rad[0]), 0.0)
         self._weights, self._kept = low_pass(math.exp(-neck.control_period_s / _BODY_TIME_S), knots_s.size)
 
     def commands_rad(self, situation: Situation, pan_rad: FloatArray) -> FloatArray:
@@ -121,7 +121,7 @@ class EyeAim:
         limits = neck.command_limits
         self._low_rad, self._high_rad = limits.position_min_rad[self._eyes], limits.position_max_rad[self._eyes]
         self._rest_rad = neck.rest_rad[:2]
-        self._reach_rad = _COMFORTABLE_SHARE * np.minimum(-self._low_rad, self._high_rad)
+        self._reach_rad = _COMFORTABLE_SHARE * np.maximum(np.minimum(-self._low_rad, self._high_rad), 0.0)
 
     def forecast_times_s(self, start_s: float) -> FloatArray:
         """Times for which the eyes need the forecast, shape (H,), seconds: H is K, or 2 K."""

@@ -68,7 +68,7 @@ class LookAhead:
         self._eyes_reach_rad: FloatArray | None = None
         if neck.eyes is not None:
             ranges = [min(-axis.position_min_deg, axis.position_max_deg) for axis in (neck.eyes.pan, neck.eyes.tilt)]
-            self._eyes_reach_rad = _EYES_SHARE * np.deg2rad(ranges)
+            self._eyes_reach_rad = _EYES_SHARE * np.maximum(np.deg2rad(ranges), 0.0)
         self.reset()
 
     def reset(self) -> None:

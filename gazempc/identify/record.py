@@ -186,7 +186,8 @@ def load_record(path: Path | str) -> NeckRecord:
         about=json.dumps({"from": f"log {Path(path).name}", "neck": log.neck.model_dump()}, sort_keys=True),
         command_time_s=log.time_s,
         command_rad=log.command_position_rad,
-        joint_time_s=log.time_s[measured],
+        # A simulation's log has the state at the tick, without times of readings.
+        joint_time_s=np.where(np.isfinite(log.joint_time_s), log.joint_time_s, log.time_s)[measured],
         joint_rad=log.joint_position_rad[measured],
     )
 

@@ -26,7 +26,7 @@ from gazempc.loop.looking_away import LookingAway
 from gazempc.loop.observer import JointEstimate
 from gazempc.loop.recorder import LoopRecorder
 from gazempc.loop.track import AroundTarget, Target
-from gazempc.people.company import Cue
+from gazempc.people.company import Cue, check_cue
 from gazempc.types import CameraView, FloatArray, Sighting
 from predictors import HeadObservation
 
@@ -243,7 +243,7 @@ class ArrivingTarget(AroundTarget):
 
 
 def _checked(arrived: object) -> Arrived:
-    """Validate the type; observations are validated individually."""
+    """Validate types and cues; observations are validated individually."""
     if not isinstance(arrived, Arrived):
         raise TypeError(f"poll() returned {type(arrived).__name__}, expected an Arrived")
     kinds: dict[str, Any] = {"sightings": object, "problems": str, "notices": Notice, "cues": Cue}
@@ -251,4 +251,6 @@ def _checked(arrived: object) -> Arrived:
         values = getattr(arrived, name)
         if not isinstance(values, tuple | list) or not all(isinstance(each, kind) for each in values):
             raise TypeError(f"poll() returned {name} {values!r:.100}, see gazempc.live.sources.source.Arrived")
+    for cue in arrived.cues:
+        check_cue(cue)
     return arrived

@@ -216,13 +216,13 @@ class Gaze:
         """
         self._setup.cues.put(Rhythm(rhythm))
 
-    def attend_to(self, person_id: str | None) -> None:
+    def attend_to(self, person_id: str | int | None) -> None:
         """Attend one of several people while present, with precedence over the policy; requires ``attend``.
 
         Args:
             person_id: The tracker's name; None to follow the policy again.
         """
-        self._setup.cues.put(Choice(person_id))
+        self._setup.cues.put(Choice(None if person_id is None else str(person_id)))
 
     def point(
         self, target_base_m: Any | None, min_duration_s: float = 0.0, max_velocity_rad_s: float = math.inf
@@ -236,7 +236,7 @@ class Gaze:
                 path at up to the limits of the neck.
 
         Returns:
-            Time until the joints complete the motion, seconds.
+            Time until the end of the path plus the delay of the joints, seconds; the neck's limits may need longer.
 
         Raises:
             ValueError: If the position or a limit is invalid.

@@ -8,6 +8,7 @@ import gc
 import logging
 import multiprocessing
 import os
+import pickle
 import queue
 import signal
 import sys
@@ -212,7 +213,16 @@ def _serve(line: Connection, make: Callable[[], Predictor]) -> None:
                 answer = getattr(predictor, method)(*args)
             except BaseException as error:  # also of sys.exit
                 answer = error
+            if isinstance(answer, BaseException) and not _is_sendable(answer):
+                answer = RuntimeError(f"{type(answer).__name__}: {answer}")
             line.send((answer, getattr(predictor, "rejections_in_a_row", 0)))
+
+
+def _is_sendable(error: BaseException) -> bool:
+    """Whether a copy by pickle is of the same class: not with a lock, or with further arguments of its own."""
+    with contextlib.suppress(Exception):
+        return type(pickle.loads(pickle.dumps(error))) is type(error)
+    return False
 
 
 _LOGGERS = ("gazempc.live", "gazempc.loop")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
-from pydantic import Field, field_validator
+from pydantic import BaseModel, Field, field_validator
 
 from gazempc.errors import SettingsError
 from gazempc.live.mount import Mount
@@ -21,6 +21,7 @@ from gazempc.robots.ptz_emulator import EMULATOR, FOV_DEG, LATENCY_S, VIEW_DEG
 from gazempc.settings import DEFAULT_PREDICTOR, ControllerChoice, GazeSettings, LoopSettings, PredictorChoice
 from gazempc.sim.scene import SceneSettings, StageSettings
 
+_Group = TypeVar("_Group", bound=BaseModel)
 ViewKind = Literal["foxglove", "web"]
 # Default port of Foxglove, and an unprivileged one for pages.
 PORTS: dict[ViewKind, int] = {"foxglove": 8765, "web": 8080}
@@ -161,15 +162,20 @@ def for_turning_camera(settings: LiveSettings) -> LiveSettings:
         found["neck"] = "ptz"
         if emulated and settings.framing.view_deg is None:
             found["framing"] = settings.framing.model_copy(update={"view_deg": VIEW_DEG})
-    if settings.source_kind == "camera" and settings.mount == Mount():
-        # The picture is of the turning camera.
-        found["mount"] = Mount(on="head")
-    if settings.source_kind == "camera" and settings.loop == MountedSettings.model_fields["loop"].default:
-        # Latency of network cameras: up to a second.
-        found["loop"] = settings.loop.model_copy(update={"stale_after_s": 1.5, "lost_after_s": 2.0})
-    if settings.source == f"camera:{EMULATOR}" and settings.camera == CameraOptions():
-        found["camera"] = CameraOptions(fov_deg=FOV_DEG, latency_ms=1e3 * LATENCY_S)
+    if settings.source_kind == "camera":
+        # The picture is of the turning camera. Latency of network cameras: up to a second.
+        found["mount"] = _filled(settings.mount, Mount(), on="head")
+        usual = MountedSettings.model_fields["loop"].default
+        found["loop"] = _filled(settings.loop, usual, stale_after_s=1.5, lost_after_s=2.0)
+    if settings.source == f"camera:{EMULATOR}":
+        found["camera"] = _filled(settings.camera, CameraOptions(), fov_deg=FOV_DEG, latency_ms=1e3 * LATENCY_S)
     return settings.model_copy(update=found)
+
+
+def _filled(settings: _Group, usual: _Group, **values: Any) -> _Group:
+    """Settings with these values in place of each that equals the usual one."""
+    unset = {name: value for name, value in values.items() if getattr(settings, name) == getattr(usual, name)}
+    return settings.model_copy(update=unset)
 
 
 def check(settings: LiveSettings) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gazempc.controllers.controller import AxisMotion
@@ -31,10 +33,14 @@ class _SpeedAxis:
     the angles. With zero-order hold, the mean angle over a period is the integral at its middle.
     """
 
-    def __init__(self, axis: Axis, position_rad: float, period_s: float) -> None:
+    def __init__(self, axis: Axis, position_rad: float, period_s: float, reports: bool) -> None:
         self._period_s = period_s
         self._gain = speed_loop_gain(axis, period_s)
         self._fastest_rad_s = axis.velocity_max_rad_s
+        # Without encoders: an unattended joint stops at its limit. With encoders the offset has the difference.
+        self._range_rad = (-math.inf, math.inf)
+        if not reports:
+            self._range_rad = math.radians(axis.position_min_deg), math.radians(axis.position_max_deg)
         self._integral_rad = self._commanded_rad = position_rad
         self._speed_rad_s = 0.0
 
@@ -50,7 +56,13 @@ class _SpeedAxis:
         self._integral_rad += self._period_s * speed_rad_s
         if got_through:
             self._commanded_rad += self._period_s * self._speed_rad_s
+        else:
+            self.skip(0, speed_rad_s)
         return middle_rad
+
+    def skip(self, periods: int, speed_rad_s: float) -> None:
+        low_rad, high_rad = self._range_rad
+        self._integral_rad = min(max(self._integral_rad + periods * self._period_s * speed_rad_s, low_rad), high_rad)
 
 
 class Drive:
@@ -63,7 +75,7 @@ class Drive:
 
     def __init__(self, neck: NeckSpec, position_rad: FloatArray) -> None:
         self._axes = [
-            _SpeedAxis(axis, start, neck.servo_period_s) if axis.takes_speed else None
+            _SpeedAxis(axis, start, neck.servo_period_s, neck.reports_joints) if axis.takes_speed else None
             for axis, start in zip(neck.axes, position_rad.tolist(), strict=True)
         ]
         self._speeds = neck.takes_speeds
@@ -97,6 +109,12 @@ class Drive:
             return command
         pairs = zip(self._axes, command.tolist(), strict=True)
         return np.array([value if axis is None else axis.sent(value, got_through) for axis, value in pairs])
+
+    def skip(self, periods: int, command: FloatArray) -> None:
+        """Account for servo periods without a command, as `sent` does for one, without their angles."""
+        for axis, value in zip(self._axes, command.tolist(), strict=True):
+            if axis is not None:
+                axis.skip(periods, value)
 
     def for_controllers(self, sent_rad: FloatArray, offset_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Commands sent and offsets in the coordinates of the controllers.

@@ -20,6 +20,9 @@ from gazempc.types import FloatArray
 
 # Tolerated consecutive losses before the neck brakes: on a busy line single commands are lost.
 _SENDS_FORGIVEN = 2
+# Skipped periods are simulated for this time after the dead time: longer than the window of `FollowingWatch`. Earlier
+# ones, as of a suspended computer, are summed.
+_KEPT_S = 1.0
 # Largest rounding by the robot, to the resolution of its protocol.
 _ROUNDED_RAD = math.radians(1.0)
 
@@ -65,9 +68,11 @@ class Sender:
             ticks: Number of periods.
 
         Returns:
-            The resulting angles, one array of shape (N,) a period, radians; at most the length of the history.
+            The resulting angles, one array of shape (N,) a period, radians; at most those of the last seconds.
         """
-        return [self._note(got_through=False) for _ in range(min(ticks, len(self._sent_rad)))]
+        kept = min(ticks, len(self._sent_rad) + math.ceil(_KEPT_S / self._neck.servo_period_s))
+        self._drive.skip(ticks - kept, self.sent)
+        return [self._note(got_through=False) for _ in range(kept)]
 
     @property
     def silent(self) -> bool:

@@ -91,7 +91,8 @@ def margins(mpc: Mpc) -> list[Margins]:
     """
     pan = _of_joint(mpc, 0)
     # Without active limits the margins depend on the servo only.
-    servos = {(axis.natural_frequency_rad_s, axis.damping_ratio, axis.dead_time_s) for axis in mpc.neck.axes[:2]}
+    keys = ("natural_frequency_rad_s", "damping_ratio", "dead_time_s", "takes_speed")
+    servos = {tuple(getattr(axis, key) for key in keys) for axis in mpc.neck.axes[:2]}
     alike = len(servos) == 1 and not any(ocp.own for ocp in mpc.ocps)
     return [pan, replace(pan, joint=AXES[1]) if alike else _of_joint(mpc, 1)]
 

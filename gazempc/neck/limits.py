@@ -11,6 +11,8 @@ import math
 from collections.abc import Callable
 from typing import Literal
 
+import numpy as np
+
 from gazempc.errors import SettingsError
 from gazempc.neck.picture import FramedPicture, Framing
 from gazempc.neck.spec import Axis, Eyes, NeckSpec
@@ -126,8 +128,8 @@ def _by_law(axis: Axis, velocity_rad_s: Callable[[float], float], between_rad: t
 
 # Least and greatest pan, least and greatest tilt of the gaze, degrees.
 Region = tuple[float, float, float, float]
-# Kinematic chains of the gaze: about the vertical, and up or down.
-_CHAINS = (("pan", "eye_pan", "body_yaw"), ("tilt", "eye_tilt"))
+# Kinematic chains of the gaze, from the base: about the vertical, and up or down.
+_CHAINS = (("body_yaw", "pan", "eye_pan"), ("tilt", "eye_tilt"))
 
 
 def narrowed(
@@ -135,8 +137,8 @@ def narrowed(
 ) -> NeckSpec:
     """Narrow a neck's limits, for controllers, smoother and robot.
 
-    The region is distributed over the joints of a chain in proportion to their ranges, so that the sum of their angles
-    is always in the region.
+    The width of the region is distributed over the joints of a chain in proportion to their ranges, its offset goes to
+    the lowest joint as far as possible: the others keep their middle. The sum of the angles is always in the region.
 
     Args:
         neck: The neck.
@@ -158,9 +160,10 @@ def narrowed(
             speeds = {"velocity_max_rad_s": min(axis.velocity_max_rad_s, speed_max_rad_s)}
             axes[name] = axis.model_copy(update={**speeds, "full_speed_rad_s": axis.full_rad_s})
     if gaze_region_deg is not None:
-        for chain, low_deg, high_deg in zip(_CHAINS, gaze_region_deg[::2], gaze_region_deg[1::2], strict=True):
+        ends_deg = gaze_region_deg[::2], gaze_region_deg[1::2]
+        for what, chain, low_deg, high_deg in zip(("pan", "tilt"), _CHAINS, *ends_deg, strict=True):
             joints = {name: axes[name] for name in chain if name in axes}
-            axes |= _within(joints, low_deg, high_deg, f"neck {neck.name!r}, {chain[0]} of the gaze")
+            axes |= _within(joints, low_deg, high_deg, f"neck {neck.name!r}, {what} of the gaze")
     return neck.with_axes(axes)
 
 
@@ -174,12 +177,18 @@ def _within(joints: dict[str, Axis], low_deg: float, high_deg: float, what: str)
             f"loop.gaze_region_deg: {what} would be {low_deg:g} to {high_deg:g} deg; accepted: {accepted}"
         )
 
-    def part(axis: Axis, share: float) -> float:
-        return axis.position_min_deg + share * (axis.position_max_deg - axis.position_min_deg)
-
-    # Shares of the common range: the limits of all joints add up to those of the region.
-    low, high = ((end - least_deg) / (most_deg - least_deg) for end in (low_deg, high_deg))
+    limits = np.array([(axis.position_min_deg, axis.position_max_deg) for axis in joints.values()])
+    share = (high_deg - low_deg) / (most_deg - least_deg)
+    # Ranges of the upper joints about zero: controllers distribute the gaze over the joints relative to zero.
+    middle_deg = np.clip(0.0, limits[:, :1], limits[:, 1:])
+    ranges_deg = middle_deg + share * (limits - middle_deg)
+    ranges_deg[0] = (low_deg, high_deg) - ranges_deg[1:].sum(axis=0)
+    # What exceeds the lowest joint's own limits is distributed over the others.
+    beyond_deg = max(ranges_deg[0, 1] - limits[0, 1], 0.0) + min(ranges_deg[0, 0] - limits[0, 0], 0.0)
+    ranges_deg[0] -= beyond_deg
+    room_deg = (limits - ranges_deg)[1:, int(beyond_deg > 0.0)]
+    ranges_deg[1:] += (beyond_deg * room_deg / (room_deg.sum() or 1.0))[:, None]
     return {
-        name: axis.model_copy(update={"position_min_deg": part(axis, low), "position_max_deg": part(axis, high)})
-        for name, axis in joints.items()
+        name: axis.model_copy(update={"position_min_deg": low, "position_max_deg": high})
+        for (name, axis), (low, high) in zip(joints.items(), ranges_deg.tolist(), strict=True)
     }

@@ -25,6 +25,7 @@ _RESTS_IN, _FOLLOWS_IN = 0.9, 0.5
 # has a third more reversals on the slowest camera, the last up to a point less time in the zone (`docs/rivals.md`).
 _EXCURSION_DELAYS, _SHORTEST_EXCURSION_S = 1.5, 0.02
 _Share = Annotated[float, Field(ge=0, le=1)]
+_View = Annotated[float, Field(gt=0, le=180)]
 
 
 class Framing(Strict):
@@ -35,7 +36,7 @@ class Framing(Strict):
         description="Keep in the picture: the attended person, or the box of all people (with --attend); no: the "
         "gaze meets the head",
     )
-    view_deg: tuple[float, float] | None = Field(
+    view_deg: tuple[_View, _View] | None = Field(
         default=None,
         description="Angles of the picture at its zoom, width and height; default: the neck's head_view_deg",
     )
@@ -155,8 +156,11 @@ class FramedPicture:
     def calmed(self, neck: NeckSpec) -> NeckSpec:
         """The neck with pan and tilt within the framing's limits of acceleration and jerk."""
         axes = {}
+        # At least the smallest limits that a neck file can have.
         for name, axis in zip(AXES, neck.axes, strict=False):
-            acceleration = min(axis.acceleration_max_rad_s2, self.framing.acceleration_max * self.view_rad[0])
-            jerk = min(axis.jerk_max_rad_s3, self.framing.jerk_max * self.view_rad[0])
+            acceleration = min(
+                axis.acceleration_max_rad_s2, max(self.framing.acceleration_max * self.view_rad[0], 0.01)
+            )
+            jerk = min(axis.jerk_max_rad_s3, max(self.framing.jerk_max * self.view_rad[0], 0.1))
             axes[name] = axis.model_copy(update={"acceleration_max_rad_s2": acceleration, "jerk_max_rad_s3": jerk})
         return neck.with_axes(axes)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, get_args
 
 from gazempc.people.person import PersonState
 from gazempc.settings import LookAwayMode
@@ -107,6 +108,35 @@ class Choice(NamedTuple):
 Cue = Sound | Thinking | Speech | Glance | Rhythm | Choice
 
 
+# Longest aversion or announcement, seconds: a program that gives milliseconds is refused.
+LONGEST_CUE_S = 30.0
+_LARGEST_ANGLE_RAD = 1e3
+
+
+def check_cue(cue: Cue) -> None:
+    """Check the values of a cue.
+
+    Raises:
+        ValueError: If a duration is not a number from 0 to `LONGEST_CUE_S`, or a rhythm or a name is invalid.
+    """
+    if isinstance(cue, Thinking | Glance | Speech):
+        name = "in_s" if isinstance(cue, Speech) else "lasts_s"
+        if not _within(value := getattr(cue, name), 0.0, LONGEST_CUE_S):
+            raise ValueError(f"{name} is {value!r:.60}; accepted: seconds from 0 to {LONGEST_CUE_S:g}")
+    elif isinstance(cue, Sound):
+        if not _within(cue.azimuth_rad, -_LARGEST_ANGLE_RAD, _LARGEST_ANGLE_RAD):
+            raise ValueError(f"azimuth_rad is {cue.azimuth_rad!r:.60}; accepted: radians")
+    elif isinstance(cue, Rhythm):
+        if cue.mode not in get_args(LookAwayMode):
+            raise ValueError(f"rhythm is {cue.mode!r:.60}; accepted: {', '.join(get_args(LookAwayMode))}")
+    elif not isinstance(cue.person_id, str | None):
+        raise ValueError(f"person_id is {cue.person_id!r:.60}; accepted: a text or None")
+
+
+def _within(value: object, least: float, most: float) -> bool:
+    return isinstance(value, numbers.Real) and least <= float(value) <= most
+
+
 class Cues:
     """Thread-safe queue of cues from a program to the loop."""
 
@@ -118,7 +148,11 @@ class Cues:
 
         Args:
             cue: The cue.
+
+        Raises:
+            ValueError: See `check_cue`.
         """
+        check_cue(cue)
         self._waiting.append(cue)
 
     def take(self) -> list[Cue]:

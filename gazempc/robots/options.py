@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field, field_validator
 
 from gazempc.parts import ROBOT, check_choice
 from gazempc.ros2.messages import PoseType
@@ -116,6 +116,13 @@ class OnvifOptions(Settings):
         description="Pan at positions -1 and 1, then tilt; default: the camera's positions are not used. Most cameras "
         "count pan to the right: 170 -170 -30 90",
     )
+
+    @field_validator("range_deg")
+    @classmethod
+    def _ends_differ(cls, range_deg: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if range_deg is not None and (range_deg[0] == range_deg[1] or range_deg[2] == range_deg[3]):
+            raise ValueError("the two ends of pan, and of tilt, must differ")
+        return range_deg
 
 
 class RobotOptions(Settings):

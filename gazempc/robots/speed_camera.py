@@ -113,7 +113,10 @@ class SpeedCamera:
         except BaseException:
             self._device.close()
             raise
-        self._closing, self._problem, self._mail = False, "", None
+        self._closing, self._problem, self._mail, self._sending = False, "", None, False
+        for dither in self._dithers:
+            dither.choose(0.0, _HOLD_S)
+        self._chosen_s = self._fed_s = -np.inf
         self._thread = threading.Thread(target=self._work, name="speeds", daemon=True)
         self._thread.start()
         atexit.register(self.close)

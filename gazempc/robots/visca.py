@@ -208,7 +208,7 @@ class ViscaDevice:
         if self._guard is None:
             self._start_guard()
         one, other = (
-            steps.step(speed * direction)
+            direction * steps.step(speed)  # the table is that of the neck's directions
             for steps, speed, direction in zip(self.steps, speeds_rad_s, self._options.directions, strict=True)
         )
         self._link.command(wire.drive_payload(one, other))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import struct
 
-from gazempc.neck.spec import NeckSpec
+from gazempc.errors import SettingsError
+from gazempc.neck.spec import AXES, NeckSpec
 from gazempc.neck.speed_steps import SpeedSteps
 
 # Types of payload.
@@ -83,7 +84,15 @@ def position_of(answer: bytes) -> tuple[int, int] | None:
 
 
 def visca_steps(neck: NeckSpec) -> tuple[SpeedSteps, SpeedSteps]:
-    """Speeds of a VISCA camera: the table of the neck file, else 24 and 20 equidistant steps to the top speed."""
+    """Speeds of a VISCA camera: the table of the neck file, else 24 and 20 equidistant steps to the top speed.
+
+    Raises:
+        SettingsError: If a table has more steps than the protocol.
+    """
+    for name, axis, count in zip(AXES, (neck.pan, neck.tilt), SPEEDS, strict=True):
+        given = axis.speed_steps
+        if given is not None and max(map(len, (given.positive_rad_s, given.negative_rad_s))) > count:
+            raise SettingsError(f"neck {neck.name!r}, {name}.speed_steps: accepted by VISCA: at most {count} speeds")
     pan, tilt = (
         axis.speed_steps or SpeedSteps.equal(axis.full_rad_s, count)
         for axis, count in zip((neck.pan, neck.tilt), SPEEDS, strict=True)

@@ -39,7 +39,7 @@ class Acquisition:
         self._from_rad = ACQUIRED_FROM_RAD
         if eyes is not None:  # acquisition starts beyond the range of the eyes
             eye = (eyes.pan, eyes.tilt)[index]
-            self._from_rad = math.radians(min(-eye.position_min_deg, eye.position_max_deg))
+            self._from_rad = max(self._from_rad, math.radians(min(-eye.position_min_deg, eye.position_max_deg)))
         self._period_s, self._smoothing_time_s = neck.control_period_s, smoothing_time_s
         self.reset()
 

@@ -93,10 +93,11 @@ class Mpc:
             delay_s = float(np.max((neck.dead_time_s + neck.servo_lag_s)[: len(AXES)]))
             smoothing_time_s = min(max(_SHARE_OF_DELAY * delay_s, SHORTEST_TIME_S), LONGEST_TIME_S)
         if horizon_s < 2.0 * smoothing_time_s:
+            group = "mpc" if self.picture is None else "framing"
             needed = (
-                f"for mpc.smoothing_time_s: {smoothing_time_s:g} s; accepted: at least {2.0 * smoothing_time_s:g} s"
+                f"for {group}.smoothing_time_s: {smoothing_time_s:g} s; accepted: at least {2.0 * smoothing_time_s:g} s"
             )
-            raise SettingsError(f"mpc.horizon_s: {horizon_s:g} s is too short {needed}")
+            raise SettingsError(f"{group}.horizon_s: {horizon_s:g} s is too short {needed}")
         self.neck = neck
         period_s = neck.control_period_s
         lengths = growing_steps(horizon_s, period_s)

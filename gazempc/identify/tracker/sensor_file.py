@@ -48,7 +48,7 @@ def _rows(errors: TrackerErrors) -> Iterator[tuple[str, str, str]]:
         along, across = map(np.median, errors.jump_sizes_m)
         size = f"{along:.2f} m along, {across:.2f} m across the line of sight (medians)"
         remark = f"{size}; up to {durations_s.max():.2f} s"
-        yield "jumps per second", f"{durations_s.size / errors.along.used_s:.2f}", remark
+        yield "jumps per second", f"{durations_s.size / (errors.along.used_s + durations_s.sum()):.2f}", remark
     else:
         yield "jumps per second", "0", f"{errors.along.used_s:.0f} s"
     for name, yaw in (("head yaw", errors.head_yaw), ("pelvis yaw", errors.pelvis_yaw)):
@@ -126,7 +126,8 @@ def sensor_toml(errors: TrackerErrors, track: HeadTrack, name: str, origin: str,
     if errors.jumps_across:
         durations_s = errors.jump_durations_s
         low_m, high_m = np.quantile(np.hypot(*errors.jump_sizes_m), [0.1, 0.9])
-        bursts = _bursts(errors.along.used_s, durations_s, (0.1, 0.9))
+        # The times in use are those without jumps.
+        bursts = _bursts(errors.along.used_s + durations_s.sum(), durations_s, (0.1, 0.9))
         values["jumps"] = {**bursts, "size_min_m": _rounded(low_m), "size_max_m": _rounded(high_m)}
     for part, yaw in (("head_yaw", errors.head_yaw), ("pelvis_yaw", errors.pelvis_yaw)):
         values[part] = {"reported": False} if yaw is None else _direction_table(yaw, DEG, "deg")

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from gazempc.errors import shown, suggest
-from gazempc.people.company import Cue, Glance, Rhythm, Sound, Speech, Thinking
+from gazempc.people.company import LONGEST_CUE_S, Cue, Glance, Rhythm, Sound, Speech, Thinking
 from predictors import HeadObservation
 
 _SHOWN = 80
@@ -88,6 +88,9 @@ def _complaint(error: ValidationError, fields: tuple[str, ...]) -> str:
     return f"{field + ': ' if field else ''}{found['msg']} (given: {shown(found['input'], _SHOWN)})"
 
 
+_Seconds = Annotated[float, Field(ge=0, le=LONGEST_CUE_S)]
+
+
 class _Sound(_Fields):
     cue: Literal["sound"]
     azimuth_rad: float
@@ -95,18 +98,18 @@ class _Sound(_Fields):
 
 class _Thinking(_Fields):
     cue: Literal["thinking"]
-    lasts_s: float
+    lasts_s: _Seconds
 
 
 class _Speech(_Fields):
     cue: Literal["speech"]
-    in_s: float
+    in_s: _Seconds
 
 
 class _Glance(_Fields):
     cue: Literal["glance"]
     target_base_m: Annotated[_Vector, AfterValidator(np.array)]
-    lasts_s: float
+    lasts_s: _Seconds
 
 
 class _Rhythm(_Fields):

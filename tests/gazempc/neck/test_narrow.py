@@ -25,18 +25,35 @@ def sums(neck, angles_deg):
     return sum(about), sum(up)
 
 
+@pytest.mark.parametrize("region", [REGION, (10.0, 40.0, 3.0, 15.0)])
 @pytest.mark.parametrize("name", neck_names())
-def test_joints_at_any_end_of_their_ranges_keep_the_gaze_in_the_region(name):
+def test_joints_at_any_end_of_their_ranges_keep_the_gaze_in_the_region(name, region):
     neck = gz.load_neck(name)
-    narrow = narrowed(neck, REGION, 0.3)
+    narrow = narrowed(neck, region, 0.3)
     ends = np.rad2deg(np.stack([narrow.position_min_rad, narrow.position_max_rad]))
     pan, tilt = sums(narrow, ends)
-    assert pan == pytest.approx(REGION[:2])
-    assert tilt == pytest.approx(REGION[2:])
+    assert pan == pytest.approx(region[:2])
+    assert tilt == pytest.approx(region[2:])
+    upper = [
+        joint for joint, each in enumerate(neck.joint_names) if each.startswith("eye_") or (neck.body and each == "pan")
+    ]
+    assert np.all(ends[0, upper] < 0.0)
+    assert np.all(ends[1, upper] > 0.0)
     assert np.all(narrow.position_min_rad >= neck.position_min_rad - 1e-12)
     assert np.all(narrow.position_max_rad <= neck.position_max_rad + 1e-12)
     assert np.all(narrow.velocity_max_rad_s == np.minimum(neck.velocity_max_rad_s, 0.3))
     assert narrowed(neck, None, None) == neck
+
+
+def test_an_offset_beyond_the_range_of_the_lowest_joint_is_left_to_the_others():
+    neck = gz.load_neck("reference_eyes")  # pan to 80 deg, eyes 35 deg further
+    narrow = narrowed(neck, (95.0, 110.0, -60.0, -45.0), None)
+    pan, tilt = sums(narrow, np.rad2deg(np.stack([narrow.position_min_rad, narrow.position_max_rad])))
+    assert pan == pytest.approx([95.0, 110.0])
+    assert tilt == pytest.approx([-60.0, -45.0])
+    assert np.all(narrow.position_min_rad >= neck.position_min_rad - 1e-12)
+    assert np.all(narrow.position_max_rad <= neck.position_max_rad + 1e-12)
+    assert np.rad2deg(narrow.position_max_rad[0]) == pytest.approx(80.0)
 
 
 @pytest.mark.parametrize("region", [(30.0, 20.0, -5.0, 5.0), (-20.0, 20.0, 60.0, 70.0)])

@@ -310,7 +310,7 @@ class OwnCamera:
         self._camera = make(CAMERA, choice, {}, own or {})
         self.close = self._camera.close
 
-    def read(self) -> Picture | str | None:
+    def read(self) -> Picture | None:
         """See `Pictures.read`."""
         given = self._camera.read()
         return None if given is None else Picture(*given)
