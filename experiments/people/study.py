@@ -188,7 +188,8 @@ def _decided(walk: gz.Recording, truth: bool) -> tuple[float, float, float]:
     step_s = np.diff(walk.times_s, prepend=walk.times_s[0]).tolist()
     for k, time_s in enumerate(walk.times_s.tolist()):
         head_m, quat = track.head_position_m[k], track.head_quat_wxyz[k]
-        state = PersonState(1, None, time_s, head_m, np.zeros(3), quat, time_s, 0.0)
+        known = quat if np.isfinite(quat).all() else None
+        state = PersonState(1, None, time_s, head_m, np.zeros(3), known, time_s, 0.0)
         engaged = engagement.update(Company(time_s, (state,)))[1]
         found_s[None if engaged is None else engaged == truth] += step_s[k]
     return found_s[True], found_s[False], found_s[None]
@@ -236,7 +237,10 @@ def engaged_table(folder: Path) -> str:
     """Coverage of the engagement decisions on the bags of a folder, and their accuracy."""
     found = decided(folder)
     known_s = found.right_s + found.wrong_s
-    shares = [f"{100.0 * known_s / (known_s + found.undecided_s):.0f}", f"{100.0 * found.right_s / known_s:.0f}"]
+    shares = [
+        f"{100.0 * known_s / (known_s + found.undecided_s):.0f}",
+        f"{100.0 * found.right_s / known_s:.0f}" if known_s else "-",
+    ]
     row = [str(found.faces), f"{known_s + found.undecided_s:.0f}", *shares]
     return "Engaged or not\n\n" + markdown(["faces", "seconds", "decided [%]", "of that correctly [%]"], [row])
 

@@ -158,7 +158,7 @@ def _stopping(walk: Recording) -> Recording:
     """The walk, extended by a stop and standing."""
     track, period_s = walk.truth, float(np.median(np.diff(walk.times_s)))
     valid = np.flatnonzero(track.valid)
-    last, before = valid[-1], valid[valid <= valid[-1] - round(_PACE_S / period_s)][-1]
+    last, before = valid[-1], valid[valid <= valid[-1] - max(round(_PACE_S / period_s), 1)][-1]
     since_s = period_s * np.arange(1, round(STANDS_S / period_s) + 1)
     # Exponential decay of the speed: stopping distance of a step or less.
     share = _STOP_TIME_S * (1.0 - np.exp(-since_s / _STOP_TIME_S)) / (walk.times_s[last] - walk.times_s[before])

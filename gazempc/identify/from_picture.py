@@ -102,6 +102,10 @@ class _Pulser:
         return Pulse(step, on_s, off_s, times_s, angles_rad), np.array(stamps), greys
 
 
+# Least ratio of two lens angles of a camera, guessed and true.
+_LEAST_RATIO = 0.02
+
+
 def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_rad: float) -> float:
     """Lens angle from the ratio of rotations by pictures and by position feedback; without feedback as guessed."""
     height, width = found[0][2][0].shape
@@ -111,11 +115,17 @@ def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_r
         for reported, _, greys in found:
             if reported.angle_rad.size > 1:
                 moved_rad = turning.between(turning.flat(greys[0]), turning.flat(greys[-1]))
-                ratios.append(abs(moved_rad / (reported.angle_rad[-1] - reported.angle_rad[0])))
+                ratios.append(abs(moved_rad) / max(abs(reported.angle_rad[-1] - reported.angle_rad[0]), 1e-9))
         if not ratios:
             return guess_rad
-        # To first order, angle = pixels / focal length.
-        focal_px *= float(np.nanmedian(ratios))
+        # To first order, angle = pixels / focal length. NaN: pictures without overlap.
+        ratio = float(np.median([each for each in ratios if math.isfinite(each)] or math.nan))
+        if not _LEAST_RATIO < ratio < 1.0 / _LEAST_RATIO:
+            raise IdentificationError(
+                "the rotations in the picture do not fit the camera's position replies; expected: the lens angle by "
+                "--camera.fov-deg"
+            )
+        focal_px *= ratio
     return 2.0 * math.atan(0.5 * width / focal_px)
 
 

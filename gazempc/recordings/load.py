@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -110,7 +110,7 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
 
     Args:
         words: Names or paths joined by ``+``, such as ``subject03_R4+subject05_R1``; a ROS 2 bag with several people;
-            or a folder of recordings, whose start times are taken as equal.
+            or a folder of recordings. The starts of joined parts, and of the files of a folder, are taken as equal.
         options: Options of the readers.
 
     Returns:
@@ -126,13 +126,19 @@ def load_together(words: str | Path, options: ReadOptions | None = None) -> tupl
         files = sorted(p for p in path.iterdir() if p.is_file() and (is_recording(p) or p.suffix == ".txt"))
         if not files:
             raise RecordingError(str(path), "", "no recordings in this folder", "recordings, one per person")
-        return tuple(load(file, given) for file in files)
+        return tuple(person for file in files for person in _from_zero((load(file, given),)))
     if path.exists() and given.person is None and (path.is_dir() or path.suffix in FILE_ENDINGS):
         return read_bag_people(path, given)
     parts = str(words).split(MARK)
     if path.exists() or len(parts) == 1:
         return (load(words, given),)
-    return tuple(recording for part in parts for recording in load_together(part, given))
+    return tuple(person for part in parts for person in _from_zero(load_together(part, given)))
+
+
+def _from_zero(people: Sequence[Recording]) -> list[Recording]:
+    """Recordings on one clock, whose earliest time becomes zero: the files of a scene can have different clocks."""
+    start_s = min(float(person.times_s[0]) for person in people)
+    return [replace(person, times_s=person.times_s - start_s) for person in people]
 
 
 def recording_from_arrays(
@@ -198,7 +204,10 @@ def _array(name: str, field: str, value: ArrayLike, shape: tuple[int | str, ...]
 def _quats(name: str, field: str, value: ArrayLike | None, frames: int) -> FloatArray:
     if value is None:
         return np.full((frames, 4), np.nan)
-    quats = np.asarray(value)
+    try:
+        quats = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RecordingError(name, field, "its rows are not numbers of equal count", "shape (N, 4) or (4,)") from None
     quats = _array(name, field, np.tile(quats, (frames, 1)) if quats.shape == (4,) else quats, (frames, 4))
     check_unit_quaternions(Path(name), quats, field, "row {}".format)
     return np.asarray(quats / np.linalg.norm(quats, axis=1, keepdims=True), dtype=np.float64)

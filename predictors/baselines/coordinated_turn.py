@@ -22,7 +22,7 @@ _nodes, _weights = np.polynomial.legendre.leggauss(5)
 NODES: FloatArray = (_nodes + 1.0) / 2.0
 WEIGHTS: FloatArray = _weights / 2.0
 
-_SPEED, _HEADING, _TURN_RATE, _PELVIS_OFFSET, _HEAD_OFFSET = range(2, 7)
+_SPEED, _HEADING, _TURN_RATE, _PELVIS_OFFSET = range(2, 6)
 # Hysteresis of the speed at which a heading is defined.
 _STANDS_BELOW_M_S = 0.2
 _WALKS_FROM_M_S = 0.3

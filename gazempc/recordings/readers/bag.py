@@ -34,7 +34,7 @@ from gazempc.recordings.readers.bag_messages import (
     read_messages,
     stamp_ns,
 )
-from gazempc.recordings.readers.checks import recording_of
+from gazempc.recordings.readers.checks import MIN_SEEN_FRAMES, recording_of
 from gazempc.recordings.readers.options import ReadOptions
 from gazempc.recordings.recording import Recording, Track, composed
 from gazempc.types import FloatArray
@@ -216,13 +216,16 @@ def read_bag_people(path: Path, options: ReadOptions) -> tuple[Recording, ...]:
         options: As for `read_bag`, except the person.
 
     Returns:
-        One recording per person, on one clock.
+        One recording per person, on one clock; people in too few frames for a recording are left out.
 
     Raises:
         GazempcError: As for `read_bag`.
     """
     frames, found = _open(path)
-    alike = [seen for seen in found if seen.rank[0] == found[0].rank[0] and seen.poses.times_s.size > 1]
+    kind = _chosen(path, found, options).rank[0]
+    alike = [seen for seen in found if seen.rank[0] == kind and seen.poses.times_s.size >= MIN_SEEN_FRAMES]
+    if not alike:
+        return (read_bag(path, options),)  # refused, too, with the reason
     start_s = min(float(seen.poses.times_s[0]) for seen in alike)
     recordings = []
     for seen in alike:

@@ -37,7 +37,7 @@ from gazempc.recordings.readers.tables.mapping import (
     read_mapping,
     saved_places,
 )
-from gazempc.recordings.readers.tables.other_files import mvnx_table, openpose_table, parquet_table
+from gazempc.recordings.readers.tables.other_files import is_openpose_folder, mvnx_table, openpose_table, parquet_table
 from gazempc.recordings.readers.tables.raw_table import PERSON, RawTable, is_number, wide
 from gazempc.recordings.readers.tables.text_table import read_text_table
 from gazempc.recordings.recording import Recording, Track
@@ -150,7 +150,7 @@ def remember_columns(path: Path, options: ReadOptions) -> str:
     Raises:
         RecordingError: If the table cannot be read.
     """
-    is_table = path.is_dir() or path.suffix.lower() in TABLES
+    is_table = is_openpose_folder(path) if path.is_dir() else path.is_file() and path.suffix.lower() in TABLES
     if not is_table or not (options.columns is not None or options.guess):
         return ""
     saved, (mapping, _) = saved_places(path)[0], _mapping_of(_raw(path), options)

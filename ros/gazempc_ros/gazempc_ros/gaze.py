@@ -205,7 +205,10 @@ class GazeNode(Node):
             except Exception as error:
                 self.get_logger().error(f"the run ended with {type(error).__name__}: {error}")
             if path := self.get_parameter("log").value:
-                gaze.log().save(path)
+                try:
+                    gaze.log().save(path)
+                except (OSError, RuntimeError) as error:
+                    self.get_logger().error(f"log: {path} is not written: {error}")
 
     def _neck_in(self, gaze: Gaze, base_frame: str, neck_frame: str) -> TransformStamped:
         """The neck's base frame in tf: the inverse of the mount."""
