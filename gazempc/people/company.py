@@ -110,31 +110,24 @@ Cue = Sound | Thinking | Speech | Glance | Rhythm | Choice
 
 # Longest aversion or announcement, seconds: a program that gives milliseconds is refused.
 LONGEST_CUE_S = 30.0
-_LARGEST_ANGLE_RAD = 1e3
 
 
 def check_cue(cue: Cue) -> None:
-    """Check the values of a cue.
+    """Check the values of a cue; a `Sound` checks itself.
 
     Raises:
         ValueError: If a duration is not a number from 0 to `LONGEST_CUE_S`, or a rhythm or a name is invalid.
     """
     if isinstance(cue, Thinking | Glance | Speech):
         name = "in_s" if isinstance(cue, Speech) else "lasts_s"
-        if not _within(value := getattr(cue, name), 0.0, LONGEST_CUE_S):
+        value: object = getattr(cue, name)
+        if not (isinstance(value, numbers.Real) and 0.0 <= float(value) <= LONGEST_CUE_S):
             raise ValueError(f"{name} is {value!r:.60}; accepted: seconds from 0 to {LONGEST_CUE_S:g}")
-    elif isinstance(cue, Sound):
-        if not _within(cue.azimuth_rad, -_LARGEST_ANGLE_RAD, _LARGEST_ANGLE_RAD):
-            raise ValueError(f"azimuth_rad is {cue.azimuth_rad!r:.60}; accepted: radians")
     elif isinstance(cue, Rhythm):
         if cue.mode not in get_args(LookAwayMode):
             raise ValueError(f"rhythm is {cue.mode!r:.60}; accepted: {', '.join(get_args(LookAwayMode))}")
-    elif not isinstance(cue.person_id, str | None):
+    elif isinstance(cue, Choice) and not isinstance(cue.person_id, str | None):
         raise ValueError(f"person_id is {cue.person_id!r:.60}; accepted: a text or None")
-
-
-def _within(value: object, least: float, most: float) -> bool:
-    return isinstance(value, numbers.Real) and least <= float(value) <= most
 
 
 class Cues:

@@ -1,6 +1,7 @@
 """Excitation and recording: within limits, and at rest after any end of a run."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ from builders.robots import Spied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import gazempc as gz
 from gazempc.errors import RobotError
 from gazempc.identify.excitation import ExcitationSettings, brake, excite
+from gazempc.identify.record import load_record
 from gazempc.live.clock import SimulatedClock
 from gazempc.neck.spec import NeckSpec, load_neck
 from gazempc.sim.simulated import SimulatedNeck
@@ -119,3 +122,13 @@ def test_excitation_stays_within_limits(pan, tilt, rates, how):
     assert_within(neck.command_limits, u, neck.servo_period_s)
     assert np.ptp(motion[:, 0]) > 0
     assert (np.ptp(motion[:, 1]) > 0) == (how.axes != ("pan",))
+
+
+def test_readings_of_a_live_log_have_their_own_times(tmp_path):
+    """Not those of the ticks: the dead time would be too large by the age of the readings."""
+    log = gz.replay("subject03_R4", controller="reactive")
+    late_s = np.where(np.arange(log.time_s.size) % 8 < 4, 0.02, np.nan)
+    replace(log, joint_time_s=log.time_s - late_s).save(tmp_path / "log.npz")
+    record = load_record(tmp_path / "log.npz")
+    expected_s = log.time_s - np.nan_to_num(late_s)
+    np.testing.assert_allclose(record.joint_time_s, expected_s[np.isfinite(log.joint_position_rad).all(axis=1)])

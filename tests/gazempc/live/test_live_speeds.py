@@ -152,3 +152,17 @@ def test_the_loop_closes_through_the_picture_of_the_emulated_camera(protocol, tm
     # The person walks to and fro without a rest: 59 to 65 % at 325 ms on two idle cores, 40 % at 390 ms on busy ones.
     keeps_pace = latency_ms < 340.0 and not {"low_frame_rate", "stream_frozen", "part_slow"} & set(summary["events"])
     assert share > 0.4 or not keeps_pace, (share, latency_ms)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--mount.position-m 0.05 0 0", ("head", 0.05, 1.5, 2.0, 200.0)),
+        ("--loop.speed-max-rad-s 0.3", ("head", 0.0, 1.5, 2.0, 200.0)),
+        ("--loop.lost-after-s 2.5 --camera.fps 10", ("head", 0.0, 1.5, 2.5, 200.0)),
+    ],
+)
+def test_one_set_value_keeps_the_other_defaults_of_a_turning_camera(words, expected):
+    found = parse(["--robot", "visca:emulator", "--source", "camera:emulator", *words.split()])
+    mount, loop = found.mount, found.loop
+    assert (mount.on, mount.position_m[0], loop.stale_after_s, loop.lost_after_s, found.camera.latency_ms) == expected

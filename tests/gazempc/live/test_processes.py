@@ -66,3 +66,35 @@ def test_a_predictor_process_forecasts_and_raises_as_in_process_and_ends_with_it
     gc.collect()  # exceptions hold references to their frames
     process.join(20.0)
     assert not process.is_alive()
+
+
+class WithLockError(Exception):
+    def __init__(self):
+        super().__init__("locked")
+        self.lock = threading.Lock()
+
+
+class WithTwoError(Exception):
+    def __init__(self, one, other):
+        super().__init__(f"{one} and {other}")
+
+
+class RaisesOnce(ConstantVelocity):
+    def __init__(self):
+        super().__init__()
+        self.errors = [WithLockError(), WithTwoError("this", "that")]
+
+    def update(self, observation):
+        super().update(observation)
+        if self.errors:
+            raise self.errors.pop(0)
+
+
+@pytest.mark.slow
+def test_an_exception_that_has_no_copy_arrives_as_its_text_and_the_process_continues():
+    predictor = IsolatedPredictor(RaisesOnce)
+    for k, text in enumerate(("WithLockError: locked", "WithTwoError: this and that")):
+        with pytest.raises(RuntimeError, match=text):
+            predictor.update(seen(k / 30))
+    predictor.update(seen(0.1))
+    assert np.isfinite(predictor.forecast(np.array([0.3])).means_base_m).all()

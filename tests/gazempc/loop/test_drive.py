@@ -88,3 +88,16 @@ def test_the_observer_accepts_a_pushed_joint() -> None:
         observer.sent(np.zeros(2))
     np.testing.assert_allclose(observer.estimate.position_rad, [0.5, 0.0], atol=1e-9)
     np.testing.assert_allclose(observer.estimate.offset_rad, [0.5, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("reports", [True, False])
+def test_skipped_periods_are_the_sum_of_single_ones(reports) -> None:
+    neck, speed = PTZ.model_copy(update={"reports_joints": reports}), np.array([0.4, -0.1])
+    drives = Drive(neck, np.zeros(2)), Drive(neck, np.zeros(2))
+    for _ in range(60):
+        drives[0].sent(speed, got_through=False)
+    drives[1].skip(60, speed)
+    np.testing.assert_allclose(*(drive.sent(np.zeros(2)) for drive in drives))
+    drives[1].skip(10_000, speed)
+    stops_deg = PTZ.pan.position_max_deg
+    assert (np.rad2deg(drives[1].sent(np.zeros(2))[0]) > stops_deg + 1e-9) == reports

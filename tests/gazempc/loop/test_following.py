@@ -3,14 +3,20 @@
 import numpy as np
 import pytest
 from builders.live import run_live
-from builders.loop import LoopBench
-from builders.replays import at_100_hz
+from builders.loop import LoopBench, make_loop, make_recorder
+from builders.replays import at_100_hz, run_info
 
 from gazempc.controllers.lookahead import LookAhead
+from gazempc.controllers.mpc.mpc import Mpc
 from gazempc.loop.joints import FollowingWatch
+from gazempc.neck.kinematics import gaze_error_rad
 from gazempc.neck.servo import DelayedServo
 from gazempc.neck.spec import load_neck
-from gazempc.types import JointState
+from gazempc.settings import LoopSettings
+from gazempc.sim.simulated import SimulatedNeck
+from gazempc.types import JointState, Sighting
+from predictors import HeadObservation
+from predictors.bounds import LastPosition
 
 NECK = at_100_hz("reference_eyes")
 EYE_PAN = NECK.joint_names.index("eye_pan")
@@ -100,3 +106,25 @@ def test_a_blocked_joint_with_speed_commands_is_detected(still):
 
     result = run_live(neck=load_neck("ptz"), on_read=reading, duration_s=3.0)
     assert ("joint_not_following" in result.events) == still
+
+
+@pytest.mark.parametrize("name", ["reference", "ptz"])
+@pytest.mark.parametrize("pause_s", [0.6, 1.0, 2.5])
+def test_after_a_pause_of_the_program_the_loop_continues_without_error(name, pause_s):
+    """As of a suspended computer, in the middle of a turn: the neck keeps its last command."""
+    neck, now = load_neck(name), [0.0]
+    robot = SimulatedNeck(neck, neck.rest_rad, lambda: now[0])
+    robot.connect()
+    recorder = make_recorder(neck)
+    loop = make_loop(robot, recorder, Mpc(neck), LastPosition(), LoopSettings(), neck)
+    head_m = np.array([1.0, np.sqrt(3.0), 0.1])
+    before = round(0.6 / neck.servo_period_s)
+    after = before + round(pause_s / neck.servo_period_s)
+    for tick in [*range(before), *range(after, after + round(8.0 / neck.servo_period_s))]:
+        now[0] = tick * neck.servo_period_s
+        loop.tick(tick, now[0], [Sighting(now[0], HeadObservation(now[0] - 0.03, head_m))])
+    error_rad = gaze_error_rad(neck.geometry, robot.true_state().position_rad, head_m)
+    assert float(np.rad2deg(error_rad)) < 0.1
+    log, _ = recorder.finish(run_info(neck), lambda t: np.tile(head_m, (t.size, 1)))
+    if not neck.takes_speeds:  # at constant speed the joint has reached its stop
+        assert "joint_not_following" not in log.event_name

@@ -153,3 +153,11 @@ def test_replay_and_live_warn_of_small_margins(tmp_path, capsys):
     for words, warned in (([*run, "mpc"], True), (live, True), ([*live, "--controller", "lookahead"], False)):
         assert gazempc([*words, *common]) == 0
         assert ("neck 'weak': pan: peak sensitivity" in capsys.readouterr().out) == warned
+
+
+def test_a_velocity_commanded_pan_has_margins_of_its_own():
+    neck = load_neck("reference")
+    mixed = neck.model_copy(update={"pan": neck.pan.model_copy(update={"command": "velocity"})})
+    tilt = margins(Mpc(mixed))[1]
+    plain = margins(Mpc(neck))[1]
+    assert (tilt.peak_sensitivity, tilt.disk) == (plain.peak_sensitivity, plain.disk)

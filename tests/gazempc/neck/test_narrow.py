@@ -200,3 +200,11 @@ def test_the_eyes_take_the_remaining_angle_up_to_0_8_of_their_range():
     np.testing.assert_allclose(shared_deg, expected, atol=1e-9)
     plain = np.deg2rad(asked_deg)
     assert EyeAim(NECKS[0], np.zeros(1)).head_share_rad(plain) is plain
+
+
+def test_a_field_of_view_of_zero_is_refused_and_a_narrow_one_keeps_the_least_limits():
+    for view_deg in ((60.0, 0.0), (-60.0, -34.0)):
+        with pytest.raises(ValueError, match="view_deg"):
+            Framing(view_deg=view_deg)
+    calm = narrowed(NECK, None, None, Framing(view_deg=(1.0, 1.0), acceleration_max=0.005, jerk_max=0.01))
+    assert calm.pan.acceleration_max_rad_s2 > 0.0

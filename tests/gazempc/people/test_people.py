@@ -1,5 +1,6 @@
-"""Multi-person tracking: association of detections with tracks."""
+"""Multi-person tracking: association of detections with tracks; cues."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gazempc.people.company import Choice, Cues, Glance, Rhythm, Speech, Thinking
 from gazempc.people.people import Became, People, middle_of
 from predictors import ConstantVelocity, Forecast, HeadObservation, Walker
 
@@ -234,3 +236,22 @@ def test_the_centre_of_the_bounding_box(people, pan_deg, tilt_deg):
     off = np.degrees(np.arctan2(y, x)) - pan_deg
     assert (off + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-9)
     assert np.degrees(np.arctan2(z, np.hypot(x, y))) == pytest.approx(tilt_deg)
+
+
+@pytest.mark.parametrize(
+    ("cue", "named"),
+    [
+        (Thinking("1.5"), "lasts_s is '1.5'"),
+        (Thinking(None), "lasts_s is None"),
+        (Thinking(1500), "lasts_s is 1500; accepted: seconds from 0 to 30"),
+        (Speech(float("nan")), "in_s is nan"),
+        (Glance(np.zeros(3), None), "lasts_s is None"),
+        (Rhythm("singing"), "rhythm is 'singing'"),
+        (Choice(7), "person_id is 7"),
+    ],
+)
+def test_an_invalid_cue_is_refused(cue, named):
+    cues = Cues()
+    with pytest.raises(ValueError, match=re.escape(named)):
+        cues.put(cue)
+    assert cues.take() == []

@@ -218,3 +218,12 @@ def test_a_replay_of_a_bag(tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["kind"], summary["scored_against"].startswith("the tracker's own track")) == ("tracked", True)
     assert (summary["settings"]["sensor"], summary["settings"]["placement"]) == ("recorded", "recorded")
+
+
+def test_a_track_too_short_for_a_recording_is_left_out_of_the_people(tmp_path):
+    rows = [*facing_rows("face_a", TO_SENSOR), *facing_rows("face_b", TO_SENSOR)[10:13]]
+    bag = bag_of(tmp_path, rows)
+    assert [each.name for each in load_together(bag)] == ["bag_a"]
+    short = bag_of(tmp_path / "short", facing_rows("face_b", TO_SENSOR)[10:13])
+    with pytest.raises(RecordingError, match="only 3 frame"):
+        load_together(short)

@@ -28,6 +28,7 @@ from gazempc.robots.visca_packets import (
     position_of,
     position_payload,
     unpack,
+    visca_steps,
 )
 
 COUNTS = st.integers(-0x8000, 0x7FFF)
@@ -237,3 +238,30 @@ def test_an_error_reply_is_named() -> None:
         with pytest.raises(RobotError, match="syntax error"):
             link.command(bytes.fromhex("8101040003ff"))
         assert position_of(link.inquire(POSITION)) == (0, 0)
+
+
+def test_a_reversed_axis_takes_the_speeds_of_its_own_direction() -> None:
+    left, right = (tuple(unit * k for k in range(1, 25)) for unit in (0.06, 0.072))
+    table = SpeedSteps(positive_rad_s=left, negative_rad_s=right)
+    neck = QUICK.model_copy(update={"pan": QUICK.pan.model_copy(update={"speed_steps": table})})
+    with camera(neck) as (server, _), connected(server.address, neck, directions=(-1, 1)) as robot:
+        feed(robot, (0.72, 0.0), lambda: any(step == -12 for _, step, _ in server.driven))
+        robot.send_command(np.zeros(2))
+        feed(robot, (-0.72, 0.0), lambda: any(step == 10 for _, step, _ in server.driven))
+        assert {step for _, step, _ in server.driven} <= {0, -12, 10}
+
+
+def test_a_table_longer_than_that_of_the_protocol_is_refused() -> None:
+    table = SpeedSteps.equal(1.5, 30)
+    neck = QUICK.model_copy(update={"pan": QUICK.pan.model_copy(update={"speed_steps": table})})
+    with pytest.raises(SettingsError, match=r"pan\.speed_steps.*24"):
+        visca_steps(neck)
+
+
+def test_a_second_connection_sends_the_speed_that_the_first_one_held() -> None:
+    with camera() as (server, _), connected(server.address) as robot:
+        feed(robot, (0.3, 0.0), lambda: any(step > 0 for _, step, _ in server.driven))
+        robot.close()
+        robot.connect()
+        before = len(server.driven)
+        feed(robot, (0.3, 0.0), lambda: any(step > 0 for _, step, _ in server.driven[before:]))
