@@ -31,6 +31,7 @@ from experiments.engine.command import Command, WorkSettings, check_fitted, exit
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row, key_of, models_hash, recording_hash
 from experiments.pages import markdown, write_csv, write_rows
+from gazempc.errors import SettingsError
 from gazempc.neck.kinematics import look_at_rad
 from gazempc.neck.servo import zero_order_hold
 from gazempc.parts import TRUE_FUTURE
@@ -159,6 +160,10 @@ def bound(**settings: Any) -> list[Row]:
 
 def _bound(settings: BoundSettings) -> list[Row]:
     neck = gz.load_neck(settings.neck)
+    if neck.joints > 2:
+        raise SettingsError(
+            f"neck {neck.name!r}: a bound for {neck.joints} joints; accepted: necks of pan and tilt only"
+        )
     sensor = None if settings.sensor is None else gz.load_sensor(settings.sensor)
     check_fitted(settings.walker)
     scene = SceneSettings(**{name: getattr(settings, name) for name in SceneSettings.model_fields})

@@ -1,9 +1,9 @@
 """Compare the Pareto fronts of two gazes in a sweep: `python -m experiments.fronts out/sweep/fronts`.
 
 Each case varies a trade-off between accuracy and smoothness. The two are compared at the RMS acceleration of every
-point of the rival's front within the range of the other front: the error as a ratio, the eye contact as a difference. A
-line of the table is the mean over these points with its 95 % interval over people, and the worst point. With eyes the
-acceleration is the head's.
+point of the rival's front from the first point of the other front on, which is constant after its last point: the error
+as a ratio, the eye contact as a difference. A line of the table is the mean over these points with its 95 % interval
+over people, and the worst point. With eyes the acceleration is the head's.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def measured(rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> FloatAr
 
 
 def gaps(ours: FloatArray, rival: FloatArray, people: Sequence[str]) -> dict[str, Any]:
-    """Compare two gazes at the points of the rival's front within the range of the first one's.
+    """Compare two gazes at the points of the rival's front, from the first point of the other one's on; see `at`.
 
     Args:
         ours: Metrics of a gaze, from `measured`, shape (P, 3, C).

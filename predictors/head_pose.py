@@ -66,7 +66,7 @@ class HeadPose(Refinement):
         super().__init__(ConstantVelocity(acceleration_psd, position_noise_m, gated))
 
     def relative_yaw_rad(self) -> float | None:
-        """Filtered yaw of the head relative to the waist.
+        """Filtered yaw of the head relative to the waist, or to the direction of travel (`yaw_from`).
 
         Returns:
             The angle in radians, positive to the person's left; None without a recent orientation.

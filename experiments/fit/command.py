@@ -35,7 +35,8 @@ class FitSettings(WorkSettings):
     """Settings of `python -m experiments.fit`."""
 
     recordings: tuple[str, ...] = Field(
-        min_length=1, description="'synthetic' (14 x 6), folders, files or synthetic names; of at least two people"
+        min_length=1,
+        description="'synthetic' (14 x 6), 'everyday', folders, files or synthetic names; of at least two people",
     )
     tracker: str | None = Field(
         default=None, description="Fit for one tracker only, a shipped sensor or .toml file; default: random trackers"

@@ -29,7 +29,7 @@ from gazempc.results.page.content import PageTable
 from gazempc.settings import WalkerSettings
 from gazempc.sim.sensor import load_sensor
 
-# Seven people on a straight route, in a sharp turn and in a turn: half of the set, which takes about ten minutes.
+# Seven people on a straight route, in a sharp turn and in a turn: a quarter of the set, which takes about ten minutes.
 SYNTHETIC = tuple(f"subject{person:02}_{route}" for person in range(1, 8) for route in ("R1", "R4", "R5"))
 STANDING = tuple(f"subject{person:02}_stand" for person in range(1, 8))
 _WRONG_TRIALS = ("pass_2.5m", TURNS)

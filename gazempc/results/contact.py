@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from gazempc.neck.kinematics import gaze_ray, head_angles_rad, look_at_rad, wrapped_rad
 from gazempc.neck.picture import FramedPicture, Framing
@@ -177,10 +179,12 @@ def framing_metrics(log: Log, scored: BoolArray) -> dict[str, float]:
         scored: Ticks of the scored window, shape (M,).
 
     Returns:
-        ``time_in_zone`` and ``time_to_reacquire_s``; NaN without a framing of one person, or without a true head.
+        ``time_in_zone`` and ``time_to_reacquire_s``; NaN without a valid framing of one person, or without a true head.
     """
-    framing = Framing.model_validate(log.run.settings.get("framing", {"subject": "no"}))
-    picture = FramedPicture.of(framing, log.neck) if framing.subject == "one" else None
+    picture: FramedPicture | None = None
+    with suppress(ValidationError):  # of an older version
+        framing = Framing.model_validate(log.run.settings.get("framing", {"subject": "no"}))
+        picture = FramedPicture.of(framing, log.neck) if framing.subject == "one" else None
     if picture is None or not log.run.knows_true_head:
         return {"time_in_zone": math.nan, "time_to_reacquire_s": math.nan}
     in_zone = np.all(np.abs(aim_error_rad(log, picture)) <= picture.zone_rad, axis=1)  # NaN is outside

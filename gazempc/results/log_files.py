@@ -57,6 +57,8 @@ def check_shapes(path: Path | str, values: Mapping[str, Any], joints: int, horiz
     Raises:
         SettingsError: If an array is invalid; names it.
     """
+    if not np.size(values["time_s"]):
+        raise _damaged(path, "time_s", "it is empty, expected one tick or more")
     counts = {"J": joints}
     for name, axes in SHAPES.items():
         array = values[name]

@@ -208,6 +208,8 @@ def measure(log: Log) -> Metrics:
         if knows_head and lasts_s >= MIN_DURATION_S:
             why, needed = f"true head and joints are known at {scored.sum()} ticks", str(_FEWEST_SCORED)
         raise LeftOutError(f"{log.run.recording}: {why} from {SCORED_FROM_S} s on, at least {needed} are needed")
+    # At a few frames a second the true head is known at single ticks only: no durations.
+    lasting = knows_head and float(np.median(np.diff(np.flatnonzero(scored)))) == 1.0
     reached = error <= CONTACT_DEG[0]
     moved = travel(log.time_s, log.head_true_base_m)
     error_scored = error[scored]
@@ -218,10 +220,14 @@ def measure(log: Log) -> Metrics:
         eye_contact_2p6=contact.share_within(error_scored, CONTACT_DEG[0]),
         eye_contact_4=contact.share_within(error_scored, CONTACT_DEG[1]),
         eye_contact_9=contact.share_within(error_scored, CONTACT_DEG[2]),
-        longest_break_s=contact.longest_break_s(log, error, scored) if knows_head else float("nan"),
+        longest_break_s=contact.longest_break_s(log, error, scored) if lasting else float("nan"),
         time_to_contact_s=contact.time_to(reached, log.time_s),
-        time_to_stable_contact_s=contact.time_to_stable(reached, log.time_s, neck.servo_period_s),
-        time_from_start_to_contact_s=contact.time_from_start_to_contact(log, error, moved.start_s),
+        time_to_stable_contact_s=(
+            contact.time_to_stable(reached, log.time_s, neck.servo_period_s) if lasting else float("nan")
+        ),
+        time_from_start_to_contact_s=(
+            contact.time_from_start_to_contact(log, error, moved.start_s) if lasting else float("nan")
+        ),
         overshoot_deg=contact.overshoot_deg(log),
         limit_violations=limit_violations(log, neck),
         **motion_metrics(log, scored),
@@ -240,7 +246,7 @@ def gap_closed(rms_deg: float, reactive_rms_deg: float, perfect_rms_deg: float) 
         perfect_rms_deg: RMS error of the MPC with the true future.
 
     Returns:
-        1 at the limit of the neck, 0 for reactive control; NaN if both references are equal.
+        1 at the limit of the neck, 0 for reactive control; NaN unless the second reference is better than the first.
     """
     gap = reactive_rms_deg - perfect_rms_deg
     return (reactive_rms_deg - rms_deg) / gap if gap > 0 else float("nan")

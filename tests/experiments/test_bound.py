@@ -69,3 +69,8 @@ def test_groups_are_means():
     straight, turn, both = summarise(rows)
     assert (straight["clips"], straight["mpc"], turn["mpc"], both["mpc"]) == (2, 3.0, 6.0, 4.0)
     assert math.isclose(both["bound_to_lookahead"], 1.0)
+
+
+def test_a_neck_with_eyes_has_no_bound_and_is_refused(tmp_path, capsys):
+    assert main(["--recordings", "subject01_R1", "--neck", "furhat", "--out", str(tmp_path)]) == 2
+    assert "accepted: necks of pan and tilt only" in capsys.readouterr().err

@@ -51,7 +51,7 @@ class FrameTree:
         messages: Messages of the bag; other topics are ignored.
 
     Attributes:
-        moving: Poses of a child in its parent, by (parent, child), in the order of the stamps, repeats included.
+        moving: Poses of a child in its parent, by (parent, child), in the order of recording, repeats included.
             Includes rows with non-finite numbers or without an orientation.
         fixed: The same for `/tf_static`, one pose each, which holds at all times.
     """

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class ReadOptions(BaseModel):
-    """Options of all readers; each reader uses those that begin with its format's name."""
+    """Options of all readers; those that begin with the name of a format are for it alone."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -50,7 +50,7 @@ class Moments:
                 self._texts[moment.name] = moment.text
 
     def diagnostics(self, name: str, stamp: Time, counts: dict[str, int], warnings: tuple[str, ...]) -> DiagnosticArray:
-        """The facts of the status line since the last call.
+        """The facts of the status line since the last call; skipped ticks since the start.
 
         Args:
             name: Name of the node.

@@ -105,3 +105,14 @@ def test_sitting_people_are_selected_by_their_kind_label(tmp_path):
 
 def test_standing_people_are_synthetic_by_default():
     assert jobs_with(STANDING) == [(STAND, name) for name in STANDING]
+
+
+@pytest.mark.parametrize("name", ["loss", "stop"])
+def test_a_walk_of_few_frames_a_second_ends_in_standing(name, tmp_path):
+    times_s = np.arange(30) / 5.0
+    rows = np.transpose([times_s, np.full(30, 2.5), 1.0 * times_s - 3.0, np.full(30, 0.3)])
+    path = tmp_path / "walk.csv"
+    np.savetxt(path, rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    walk = make_trial(name, str(path)).walk
+    last_m = walk.truth.head_position_m[-5:]
+    assert np.ptp(last_m, axis=0).max() < 0.01

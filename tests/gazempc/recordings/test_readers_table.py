@@ -1,6 +1,7 @@
 """CSV, Parquet and arrays: round trips; errors with file, place and remedy."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +12,9 @@ from scipy.spatial.transform import Rotation
 
 import gazempc as gz
 from gazempc.errors import RecordingError
-from gazempc.recordings.load import load
+from gazempc.recordings.load import load, load_together
+from gazempc.recordings.readers.options import ReadOptions
+from gazempc.recordings.readers.table import remember_columns
 from gazempc.recordings.readers.tables.mapping import COLUMNS
 
 N = 60
@@ -241,3 +244,27 @@ def test_invalid_arrays_are_reported(arguments, named):
         gz.recording_from_arrays(**{"name": "mine", "times_s": TIMES_S, "head_position_m": HEAD_M, **arguments})
     assert str(raised.value).startswith("mine: ")
     assert named in str(raised.value)
+
+
+def table_of(path, start_s):
+    times_s = np.arange(40) / 30.0
+    rows = np.transpose([start_s + times_s, np.full(40, 2.0), 1.2 * times_s - 1.0, np.full(40, 0.3)])
+    np.savetxt(path, rows, "%.6f", ",", header="t,head_x,head_y,head_z", comments="")
+    return path
+
+
+def test_people_in_files_with_different_clocks_begin_together(tmp_path):
+    files = [table_of(tmp_path / name, start_s) for name, start_s in (("a.csv", 0.0), ("b.csv", 1.7e9))]
+    for words in (tmp_path, f"{files[0]}+{files[1]}"):
+        found = load_together(words)
+        assert [each.times_s[0] for each in found] == [0.0, 0.0]
+        assert [each.times_s[-1] for each in found] == pytest.approx([1.3, 1.3], abs=1e-5)
+
+
+def test_chosen_columns_are_saved_for_one_table_only(tmp_path):
+    (tmp_path / "two").mkdir()
+    file = table_of(tmp_path / "two" / "a.csv", 0.0)
+    options = ReadOptions(columns="t=t, head=head_x/head_y/head_z")
+    assert remember_columns(tmp_path / "two", options) == ""
+    assert remember_columns(Path(f"{file}+{file}"), options) == ""
+    assert remember_columns(file, options).startswith("columns saved")

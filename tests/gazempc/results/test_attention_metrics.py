@@ -191,3 +191,9 @@ def test_false_starts_are_counted_per_minute(episodes, size_m, count):
 
     minutes = (12.0 - 1 / 30) / 60.0
     assert measure(standing(off_m)).false_starts_per_min == pytest.approx(count / minutes)
+
+
+def test_a_framing_of_an_older_version_has_no_metrics():
+    log = log_of(np.zeros_like, FRAMING)
+    old = log.run.model_copy(update={"settings": {"framing": {"subject": "one", "zone": "wide"}}})
+    assert np.isnan(gz.measure(replace(log, run=old)).time_in_zone)

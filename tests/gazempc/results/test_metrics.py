@@ -261,3 +261,15 @@ def test_head_and_eyes_have_separate_metrics():
     assert found.rms_acceleration_rad_s2 == pytest.approx(np.sqrt(2.0) * head, rel=0.02)
     aside_deg = np.degrees(np.arccos(np.cos(head_rad[scored]) * np.cos(0.1)))
     assert found.eye_eccentricity_p95_deg == pytest.approx(np.quantile(aside_deg, 0.95), rel=1e-9)
+
+
+def test_a_head_that_is_known_at_single_ticks_gives_no_durations():
+    log = replayed(synthetic("subject03_R4"), "reactive")
+    head_m = np.full_like(log.head_true_base_m, np.nan)
+    head_m[::20] = log.head_true_base_m[::20]
+    dense, sparse = measure(log), measure(dataclasses.replace(log, head_true_base_m=head_m))
+    assert dense.longest_break_s > 1.0
+    assert np.isnan(
+        [sparse.longest_break_s, sparse.time_to_stable_contact_s, sparse.time_from_start_to_contact_s]
+    ).all()
+    assert sparse.gaze_error_rms_deg == pytest.approx(dense.gaze_error_rms_deg, rel=0.05)

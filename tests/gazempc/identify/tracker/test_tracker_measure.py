@@ -1,11 +1,15 @@
 """Estimation of known errors and timing of a tracker."""
 
+import datetime
+import tomllib
+
 import numpy as np
 import pytest
 from builders.trackers import person_m, seen_m, track_of, wander
 
 from gazempc.identify.tracker.measure import frame_times, measure_tracker
 from gazempc.identify.tracker.read import read_track
+from gazempc.identify.tracker.sensor_file import sensor_toml
 
 # Long enough to estimate a correlation time of 1 s; half of that without wander.
 TIMES_S = np.arange(0.0, 30.0, 1.0 / 12.0)
@@ -118,3 +122,13 @@ def test_an_irregular_tracker_loses_nothing():
     assert found.single_share == 0.0
     assert found.gaps_s == pytest.approx([2.0 - np.median(intervals_s)], rel=1e-4)
     assert found.rate_hz == pytest.approx(1.0 / np.delete(intervals_s, 200).mean(), rel=1e-3)
+
+
+def test_the_sensor_file_has_the_mean_interval_between_jumps():
+    rng = np.random.default_rng(8)
+    position_m = seen_m(rng, person_m(rng, SHORT_S), SHORT_S, along=(0.01, 0.0, 1.0), across_deg=(0.1, 0.0, 1.0))
+    for start in range(20, 300, 20):  # 0.3 s in every second
+        position_m[start : start + 6, 1] += 0.15
+    track = track_of(SHORT_S, position_m)
+    values = tomllib.loads(sensor_toml(measure_tracker(track), track, "new", "track.csv", datetime.date(2026, 1, 1)))
+    assert values["jumps"]["mean_interval_s"] == pytest.approx(0.7, rel=0.15)
