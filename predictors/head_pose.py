@@ -58,6 +58,8 @@ class HeadPose(Refinement):
     ) -> None:
         if not 0.0 <= weight <= 1.0:
             raise ValueError(f"weight must be in [0, 1], got {weight}")
+        if yaw_from not in ("waist", "travel"):
+            raise ValueError(f"yaw_from must be waist or travel, got {yaw_from!r}")
         check_positive(yaw_noise_rad=yaw_noise_rad)
         self._weight = weight
         self._yaw_variance_rad2 = yaw_noise_rad**2

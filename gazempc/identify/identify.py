@@ -253,6 +253,10 @@ def _check(settings: IdentifySettings) -> None:
         raise SettingsError("--person: requires --tracker FILE")
     if settings.sheet != DataSheet() and settings.new is None:
         raise SettingsError("--sheet: requires --new FILE")
+    if settings.new is None:
+        for name in ("urdf", "eye_frame", "pan_joint", "tilt_joint"):
+            if getattr(settings, name) != IdentifySettings.model_fields[name].default:
+                raise SettingsError(f"--{name.replace('_', '-')}: requires --new FILE")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

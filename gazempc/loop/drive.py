@@ -44,9 +44,10 @@ class _SpeedAxis:
         self._integral_rad = self._commanded_rad = position_rad
         self._speed_rad_s = 0.0
 
-    def outgoing(self, motion: AxisMotion, offset_rad: float) -> float:
+    def outgoing(self, motion: AxisMotion, offset_rad: float, limit_rad_s: float) -> float:
         self._speed_rad_s = motion[1]
-        most = _CORRECTION_SHARE * self._fastest_rad_s
+        # The motion itself may still be braking to the limit.
+        most = min(_CORRECTION_SHARE * self._fastest_rad_s, max(limit_rad_s - abs(motion[1]), 0.0))
         missing_rad = self._commanded_rad - self._integral_rad - offset_rad
         speed = motion[1] + min(max(self._gain * missing_rad, -most), most)
         return min(max(speed, -self._fastest_rad_s), self._fastest_rad_s)
@@ -81,18 +82,23 @@ class Drive:
         self._speeds = neck.takes_speeds
         self._takes_angle = np.array([axis is None for axis in self._axes])
 
-    def outgoing(self, motions: tuple[AxisMotion, ...], offset_rad: FloatArray) -> FloatArray:
+    def outgoing(
+        self, motions: tuple[AxisMotion, ...], offset_rad: FloatArray, limit_rad_s: float = math.inf
+    ) -> FloatArray:
         """The input of the robot.
 
         Args:
             motions: The command's motions, one a joint.
             offset_rad: Steady-state errors of the joints, see `JointEstimate`, shape (N,), radians.
+            limit_rad_s: Limit of the speeds in addition to the joints' own, rad/s.
 
         Returns:
             Angles or speeds, shape (N,), radians or rad/s.
         """
         pairs = zip(self._axes, motions, offset_rad.tolist(), strict=True)
-        return np.array([motion[0] if axis is None else axis.outgoing(motion, off) for axis, motion, off in pairs])
+        return np.array(
+            [motion[0] if axis is None else axis.outgoing(motion, off, limit_rad_s) for axis, motion, off in pairs]
+        )
 
     def sent(self, command: FloatArray, got_through: bool = True) -> FloatArray:
         """Account for one servo period of the accepted command.

@@ -128,7 +128,7 @@ class GazeLoop:
                 planning.take_answers(index, time_s, recorder)
             planning.begin(index, time_s, recorder)
         wanted_rad = self._next_command(time_s, due_s)
-        sent_rad = self._sender.send(wanted_rad, self._observer, time_s, recorder)
+        sent_rad = self._sender.send(wanted_rad, self._observer, time_s, recorder, self._near_limit_rad_s(time_s))
         if self._sender.silent:
             # Pending plans start from an unacknowledged command.
             planning.drop(index)
@@ -186,8 +186,7 @@ class GazeLoop:
     def _next_command(self, time_s: float, due_s: float) -> FloatArray:
         if self._stopping:
             return self._smoother.step(due_s, None)
-        near = self._settings.near_speed_max
-        speed_limit_rad_s = math.inf if near is None or time_s > self._near_until_s else near[1]
+        speed_limit_rad_s = self._near_limit_rad_s(time_s)
         rest_speed_rad_s = min(self._settings.rest_speed_rad_s, speed_limit_rad_s)
         if self._sender.silent:
             # Return to the last acknowledged angles at rest speed: no command step when the connection is back.
@@ -205,6 +204,10 @@ class GazeLoop:
         if self._smoother.intervention and self.plan is not None:
             self._recorder.event(time_s, self._smoother.intervention)
         return wanted_rad
+
+    def _near_limit_rad_s(self, time_s: float) -> float:
+        near = self._settings.near_speed_max
+        return math.inf if near is None or time_s > self._near_until_s else near[1]
 
 
 def _standing(position_rad: FloatArray) -> Plan:

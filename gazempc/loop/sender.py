@@ -80,7 +80,12 @@ class Sender:
         return self._lost > _SENDS_FORGIVEN
 
     def send(
-        self, command_rad: FloatArray, observer: JointObserver, time_s: float, recorder: LoopRecorder
+        self,
+        command_rad: FloatArray,
+        observer: JointObserver,
+        time_s: float,
+        recorder: LoopRecorder,
+        limit_rad_s: float = math.inf,
     ) -> FloatArray:
         """Send one command.
 
@@ -89,13 +94,14 @@ class Sender:
             observer: Estimates the offsets of the joints, for the position loop of velocity-controlled joints.
             time_s: The time, seconds.
             recorder: Records exceptions of the robot.
+            limit_rad_s: Speed limit in force, rad/s, for the position loop of velocity-controlled joints.
 
         Returns:
             The resulting angles, shape (N,), radians.
         """
         command = command_rad
         if self._takes_speeds:
-            command = self._drive.outgoing(self._smoother.motions, observer.estimate.offset_rad)
+            command = self._drive.outgoing(self._smoother.motions, observer.estimate.offset_rad, limit_rad_s)
         sent: FloatArray | None = None
         with boundary(self._robot, "send_command", partial(recorder.event, time_s, Event.ROBOT_NOT_ANSWERING)):
             sent = self._checked(self._robot.send_command(command.copy()))

@@ -131,3 +131,8 @@ def test_a_new_track_resets_the_yaw_offset():
     fresh = HeadPose(yaw_from="travel", offset_removed=True)
     turned_walk(fresh, 30)
     assert head.relative_yaw_rad() == fresh.relative_yaw_rad()
+
+
+def test_an_unknown_reference_of_the_yaw_is_refused():
+    with pytest.raises(ValueError, match="yaw_from must be waist or travel, got 'wasit'"):
+        HeadPose(yaw_from="wasit")

@@ -70,6 +70,8 @@ def test_invalid_data_sheets_are_refused(tmp_path, monkeypatch, capsys):
         (["--new", new, *SHEET[:7], "60"], "--sheet.speed: '60' is not a speed; expected: a number with its unit"),
         (["--new", new, "--sheet.pan-deg", "10", "80"], "--sheet.pan-deg: '10.0 80.0' does not contain 0"),
         (["--robot", "simulated", *SHEET, "--out", new], "--sheet"),
+        (["--robot", "simulated", "--urdf", "robot.urdf", "--out", new], "--urdf: requires --new FILE"),
+        (["--robot", "simulated", "--tilt-joint", "tilt", "--out", new], "--tilt-joint: requires --new FILE"),
     ):
         assert main(words) == 2
         assert problem in capsys.readouterr().err

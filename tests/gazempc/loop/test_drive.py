@@ -101,3 +101,9 @@ def test_skipped_periods_are_the_sum_of_single_ones(reports) -> None:
     drives[1].skip(10_000, speed)
     stops_deg = PTZ.pan.position_max_deg
     assert (np.rad2deg(drives[1].sent(np.zeros(2))[0]) > stops_deg + 1e-9) == reports
+
+
+def test_the_position_loop_keeps_a_lower_speed_limit() -> None:
+    drive = Drive(PTZ, np.zeros(2))
+    motions = ((0.0, 0.08, 0.0), (0.0, -0.3, 0.0))  # tilt still brakes to the limit
+    np.testing.assert_allclose(drive.outgoing(motions, np.array([-0.5, 0.5]), 0.1), [0.1, -0.3])
