@@ -18,7 +18,15 @@ from pydantic import Field
 
 from experiments import aggregate
 from experiments.aggregate import COMPARED, DIFFERENCES, grouped, sensors_of
-from experiments.engine.command import ChoiceSettings, Command, each_sensor, exit_status, name_parts, options_of
+from experiments.engine.command import (
+    ChoiceSettings,
+    Command,
+    each_sensor,
+    exit_status,
+    labels_of,
+    name_parts,
+    options_of,
+)
 from experiments.engine.engine import Engine
 from experiments.engine.job import Row
 from experiments.engine.replays import ReplayJob, all_faults
@@ -103,6 +111,7 @@ def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
     sensors = each_sensor(settings.sensors)
     predictors = settings.checked_predictors(*settings.controllers)
     place = {name: getattr(settings, name) for name in PlaceSettings.model_fields}
+    names = dict(zip(recordings, labels_of(list(recordings)), strict=True))
     runs: dict[tuple[str | None, ...], tuple[Row, ReplayJob]] = {}
     for (recording, path), (sensor, by_name), (neck_name, neck), predictor, controller in itertools.product(
         recordings.items(), sensors.items(), necks.items(), predictors, settings.controllers
@@ -111,7 +120,7 @@ def runs_of(settings: CompareSettings) -> list[tuple[Row, ReplayJob]]:
         options = options_of(controller, shown, settings.options)
         chosen = ReplaySettings(predictor=shown, walker=settings.walker, options=options, sensor=sensor, **place)
         labels = {
-            **{"recording": Path(recording).stem, "source": recording},
+            **{"recording": names[recording], "source": recording},
             **dict.fromkeys(("data_kind", "subject", "group", "kind")),
             **{"controller": controller, "predictor": shown, "neck": neck_name},
             **{"sensor": None if sensor is None else by_name[sensor].name, "seed": settings.seed, "notes": None},

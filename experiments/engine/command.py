@@ -152,6 +152,12 @@ def find_recordings(words: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+def labels_of(recordings: Sequence[str]) -> list[str]:
+    """Labels of recordings, each once: the stem of the file, or its path without ending if files share the stem."""
+    stems = Counter(Path(recording).stem for recording in recordings)
+    return [path.stem if stems[path.stem] == 1 else str(path.with_suffix("")) for path in map(Path, recordings)]
+
+
 def in_place(recording: str) -> str:
     """Identifier of a recording independent of the working directory: absolute path, or synthetic name."""
     path = Path(recording)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from experiments.engine.command import check_parts, find_recordings, in_place
+from experiments.engine.command import check_parts, find_recordings, in_place, labels_of
 from experiments.sweep.names import OPTION, resolve, setting_fields
 from experiments.sweep.spec import Case, Range, SweepSpec
 from gazempc.errors import GazempcError, SettingsError, shown, suggest
@@ -61,14 +61,14 @@ def read_walks(words: Sequence[str], reading: ReadOptions) -> tuple[tuple[Walk, 
         names = find_recordings(words)
     except GazempcError as error:
         problems = str(error).splitlines()
-    for name in names:
+    for name, label in zip(names, labels_of(names), strict=True):
         try:
             recording = load(name, reading)
         except GazempcError as error:
             problems.append(str(error))
             continue
         labels = recording.labels
-        walks.append(Walk(Path(name).stem, in_place(name), labels.subject, labels.group, recording.kind == "synthetic"))
+        walks.append(Walk(label, in_place(name), labels.subject, labels.group, recording.kind == "synthetic"))
     return tuple(walks), problems
 
 

@@ -139,3 +139,8 @@ def test_the_key_depends_on_saved_columns_and_all_files_of_a_folder(tmp_path):
     shutil.copy(next(folder.iterdir()), folder / "walk_000000000500_keypoints.json")
     keys.append(recording_hash(str(folder)))
     assert len({tuple(key) for key in keys}) == len(keys)
+
+
+def test_labels_are_stems_and_distinct_if_folders_have_files_of_one_name():
+    names = ["subject01_R1", "walks/cmu05.csv", "anna/walk_1.csv", "ben/walk_1.csv"]
+    assert labels_of(names) == ["subject01_R1", "cmu05", "anna/walk_1", "ben/walk_1"]
