@@ -9,7 +9,7 @@ import pytest
 from builders import exports
 from tiny_jobs import Tiny
 
-from experiments.engine.command import find_recordings
+from experiments.engine.command import find_recordings, labels_of
 from experiments.engine.engine import Cache, Engine, read_result
 from experiments.engine.job import carry_out, program_hash, recording_hash
 from gazempc.errors import GazempcError
