@@ -71,7 +71,8 @@ class Sender:
             The resulting angles, one array of shape (N,) a period, radians; at most those of the last seconds.
         """
         kept = min(ticks, len(self._sent_rad) + math.ceil(_KEPT_S / self._neck.servo_period_s))
-        self._drive.skip(ticks - kept, self.sent)
+        if ticks > kept:
+            self._drive.skip(ticks - kept, self.sent)
         return [self._note(got_through=False) for _ in range(kept)]
 
     @property
