@@ -207,7 +207,7 @@ def test_commands_stay_within_limits(seed, people, plans_ahead):
     loop = GazeLoop(NECK, away, planner, Smoother(NECK, np.zeros(2)), robot, recorder, LoopSettings())
     places_m = rng.uniform([-3.0, -3.0, -0.5], [4.0, 3.0, 1.0], (people, 3))
     speeds_m_s = rng.uniform(-1.5, 1.5, (people, 3))
-    sent = [Thinking(1.0), Speech(1.3), Glance(rng.uniform(-2.0, 2.0, 3), 0.8), Rhythm("listening"), Thinking(-1.0)]
+    sent = [Thinking(1.0), Speech(1.3), Glance(rng.uniform(-2.0, 2.0, 3), 0.8), Rhythm("listening"), Thinking(0.0)]
     for index in range(int(SECONDS / TS)):
         time_s = index * TS
         clock.sleep_until_s(time_s)
