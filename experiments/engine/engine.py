@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from experiments.engine.job import Cluster, Job, Row, on_this_machine
+from experiments.engine.job import Job, Row
+from experiments.engine.workers import Cluster, on_this_machine
 from gazempc.errors import GazempcError, shown
 from gazempc.files.npz import read_npz
 from gazempc.files.whole import write_whole

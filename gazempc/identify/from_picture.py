@@ -23,7 +23,7 @@ from gazempc.errors import SettingsError
 from gazempc.files.documents import as_toml
 from gazempc.files.whole import write_whole
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.turning import Pulse, TurnEstimate, Turning, estimate_turns, turned_rad
+from gazempc.identify.turning import Pulse, TurnEstimate, Turning, estimate_turns, lens_angle_rad, turned_rad
 from gazempc.live.clock import RealClock
 from gazempc.live.robots import make_robot
 from gazempc.live.sources.camera.capture import LIKELY_FOV_DEG, CameraOptions, Picture, check_address, open_pictures
@@ -100,33 +100,6 @@ class _Pulser:
         stamps, greys = zip(*self.taken, strict=True)
         times_s, angles_rad = np.array([t for t, _ in self._answers]), np.array([q[axis] for _, q in self._answers])
         return Pulse(step, on_s, off_s, times_s, angles_rad), np.array(stamps), greys
-
-
-# Least ratio of two lens angles of a camera, guessed and true.
-_LEAST_RATIO = 0.02
-
-
-def _fov_rad(found: Sequence[tuple[Pulse, FloatArray, tuple[Any, ...]]], guess_rad: float) -> float:
-    """Lens angle from the ratio of rotations by pictures and by position feedback; without feedback as guessed."""
-    height, width = found[0][2][0].shape
-    focal_px = 0.5 * width / math.tan(0.5 * guess_rad)
-    for _ in range(3):
-        turning, ratios = Turning("pan", 2.0 * math.atan(0.5 * width / focal_px), width, height), []
-        for reported, _, greys in found:
-            if reported.angle_rad.size > 1:
-                moved_rad = turning.between(turning.flat(greys[0]), turning.flat(greys[-1]))
-                ratios.append(abs(moved_rad) / max(abs(reported.angle_rad[-1] - reported.angle_rad[0]), 1e-9))
-        if not ratios:
-            return guess_rad
-        # To first order, angle = pixels / focal length. NaN: pictures without overlap.
-        ratio = float(np.median([each for each in ratios if math.isfinite(each)] or math.nan))
-        if not _LEAST_RATIO < ratio < 1.0 / _LEAST_RATIO:
-            raise IdentificationError(
-                "the rotations in the picture do not fit the camera's position replies; expected: the lens angle by "
-                "--camera.fov-deg"
-            )
-        focal_px *= ratio
-    return 2.0 * math.atan(0.5 * width / focal_px)
 
 
 def identify_from_picture(
@@ -211,7 +184,7 @@ def _measured(
     middle = min(max(int(np.searchsorted(slow_rad_s, 0.3 * guess_rad)), 1), len(slow_rad_s))
     lasts_s = _lasts_s(slow_rad_s[middle - 1], guess_rad)
     tried = [executor.pulse(0, step, plans[0].speed_rad_s(step), lasts_s, after_s) for step in (middle, -middle)]
-    fov_rad = _fov_rad(tried, guess_rad)
+    fov_rad = lens_angle_rad([(pulse.angle_rad, greys[0], greys[-1]) for pulse, _, greys in tried], guess_rad)
     height, width = tried[0][2][0].shape
     turnings = [Turning(name, fov_rad, width, height) for name in AXES]
     most_rad = _KEY_SHARE * fov_rad

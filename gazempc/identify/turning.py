@@ -23,6 +23,9 @@ from gazempc.types import BoolArray, FloatArray
 
 # Largest shift, as a share of the picture: beyond it the overlap is too small.
 _LARGEST_SHIFT = 0.45
+# Least ratio of the focal lengths of a guessed and the true lens: a zoom of 30 with a margin. Least motion by position
+# replies: below their resolution.
+_LEAST_RATIO, _LEAST_MOTION_RAD = 0.02, 1e-9
 # Standard deviation of the time at which a device receives a command.
 _SEND_JITTER_S = 0.004
 
@@ -144,6 +147,37 @@ def turned_rad(turning: Turning, greys: Sequence[Any], most_rad: float) -> Float
         if abs(moved_rad) > most_rad:
             key, key_rad = flat, last_rad
     return np.array(found_rad)
+
+
+def lens_angle_rad(motions: Sequence[tuple[FloatArray, Any, Any]], guess_rad: float) -> float:
+    """Horizontal lens angle from the ratio of rotations by pictures and by position replies.
+
+    Args:
+        motions: For each motion in pan the angles by position replies, shape (N,), radians, and the first and the last
+            picture, grey, shape (height, width).
+        guess_rad: Initial lens angle, radians.
+
+    Returns:
+        The lens angle, radians; the initial one without replies.
+
+    Raises:
+        IdentificationError: If the pictures of all motions lack overlap, or the rotations differ too much.
+    """
+    height, width = motions[0][1].shape
+    focal_px = 0.5 * width / math.tan(0.5 * guess_rad)
+    reported = [motion for motion in motions if motion[0].size > 1]
+    for _ in range(3 if reported else 0):
+        turning, ratios = Turning("pan", 2.0 * math.atan(0.5 * width / focal_px), width, height), []
+        for angle_rad, before, after in reported:
+            moved_rad = turning.between(turning.flat(before), turning.flat(after))
+            ratios.append(abs(moved_rad) / max(abs(angle_rad[-1] - angle_rad[0]), _LEAST_MOTION_RAD))
+        # To first order, angle = pixels / focal length. NaN: pictures without overlap.
+        ratio = float(np.median([each for each in ratios if math.isfinite(each)] or math.nan))
+        if not _LEAST_RATIO < ratio < 1.0 / _LEAST_RATIO:
+            reason = "the rotations of the pictures do not fit the camera's position replies"
+            raise IdentificationError(f"{reason}; expected: the lens angle, --camera.fov-deg")
+        focal_px *= ratio
+    return 2.0 * math.atan(0.5 * width / focal_px)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from builders.waiting import wait_for
 from tiny_jobs import Tiny
 
 from experiments.engine.engine import Engine
-from experiments.engine.job import on_this_machine
+from experiments.engine.workers import on_this_machine
 
 ROOT = Path(__file__).resolve().parents[3]
 # Far beyond the documented 3 s, for a loaded machine; a hang would be endless.

@@ -9,7 +9,7 @@ from gazempc.files.documents import as_toml
 from gazempc.identify.from_picture import TurnedAxis, option_words, turned_table, turned_toml
 from gazempc.identify.identify import main
 from gazempc.identify.record import IdentificationError
-from gazempc.identify.turning import Interval, Pulse, TurnEstimate, Turning, estimate_turns, turned_rad
+from gazempc.identify.turning import Interval, Pulse, TurnEstimate, Turning, estimate_turns, lens_angle_rad, turned_rad
 from gazempc.neck.spec import load_neck
 from gazempc.neck.speed_steps import SpeedSteps
 from gazempc.robots.options import RobotOptions
@@ -208,3 +208,19 @@ def test_the_emulated_camera_is_identified(tmp_path, capsys, real_time):
     assert neck.head_view_deg == pytest.approx((60.0, 36.0), abs=1.0)
     latency_ms = float(text.rsplit("--camera.latency-ms ", 1)[1].split()[0])
     assert latency_ms == pytest.approx(1e3 * LATENCY_S, abs=30.0)
+
+
+@pytest.mark.parametrize("guess_deg", [45.0, 80.0])
+def test_the_lens_angle_follows_from_position_replies(room, guess_deg):
+    turns = np.radians([8.0, -5.0])
+    motions = [(np.array([0.0, turn]), picture(room, 0.0), picture(room, turn, seed=1)) for turn in turns]
+    assert np.degrees(lens_angle_rad(motions, np.radians(guess_deg))) == pytest.approx(60.0, abs=0.5)
+    silent = [(np.array([]), before, after) for _, before, after in motions]
+    assert np.degrees(lens_angle_rad(silent, np.radians(guess_deg))) == pytest.approx(guess_deg)
+
+
+@pytest.mark.parametrize(("reply_deg", "turn_deg"), [(120.0, 120.0), (0.0, 8.0)])
+def test_pictures_without_overlap_and_constant_replies_have_no_lens_angle(room, reply_deg, turn_deg):
+    motion = np.radians([0.0, reply_deg]), picture(room, 0.0), picture(room, np.radians(turn_deg), seed=1)
+    with pytest.raises(IdentificationError, match=r"--camera\.fov-deg"):
+        lens_angle_rad([motion], np.radians(60.0))
