@@ -73,7 +73,7 @@ def simulate(neck: gz.NeckSpec, error: Mismatch, duration_s: float) -> FloatArra
             plan = mpc.plan(gz.Situation(after_dead_time, now_s, forecast, smoother.command, *state))
         wanted = smoother.step(now_s, plan)
         if neck.takes_speeds:
-            wanted = drive.outgoing(smoother.motions, joints.offset_rad)
+            wanted = drive.outgoing(smoother.motions, joints.offset_rad, math.inf)
         acts, scaled = wanted, wanted.copy()
         scaled[: len(AXES)] *= error.gain
         robot.send_command(scaled)

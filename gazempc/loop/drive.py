@@ -82,9 +82,7 @@ class Drive:
         self._speeds = neck.takes_speeds
         self._takes_angle = np.array([axis is None for axis in self._axes])
 
-    def outgoing(
-        self, motions: tuple[AxisMotion, ...], offset_rad: FloatArray, limit_rad_s: float = math.inf
-    ) -> FloatArray:
+    def outgoing(self, motions: tuple[AxisMotion, ...], offset_rad: FloatArray, limit_rad_s: float) -> FloatArray:
         """The input of the robot.
 
         Args:
@@ -117,7 +115,12 @@ class Drive:
         return np.array([value if axis is None else axis.sent(value, got_through) for axis, value in pairs])
 
     def skip(self, periods: int, command: FloatArray) -> None:
-        """Account for servo periods without a command, as `sent` does for one, without their angles."""
+        """Account for servo periods in which the last command still acts, in closed form.
+
+        Args:
+            periods: Number of servo periods.
+            command: As accepted by the robot, shape (N,), radians or rad/s.
+        """
         for axis, value in zip(self._axes, command.tolist(), strict=True):
             if axis is not None:
                 axis.skip(periods, value)

@@ -86,7 +86,7 @@ class Sender:
         observer: JointObserver,
         time_s: float,
         recorder: LoopRecorder,
-        limit_rad_s: float = math.inf,
+        limit_rad_s: float,
     ) -> FloatArray:
         """Send one command.
 

@@ -28,7 +28,7 @@ def test_the_speed_is_the_derivative_and_leads_to_the_angle() -> None:
     drive = Drive(PTZ, np.array([0.2, 0.0]))
     led = []
     for _ in range(10):
-        out = drive.outgoing(((9.9, 0.5, 0.0), STILL), np.zeros(2))
+        out = drive.outgoing(((9.9, 0.5, 0.0), STILL), np.zeros(2), np.inf)
         np.testing.assert_allclose(out, [0.5, 0.0])
         led.append(drive.sent(out)[0])
     # The middle of each period's ramp.
@@ -38,7 +38,7 @@ def test_the_speed_is_the_derivative_and_leads_to_the_angle() -> None:
 def test_an_offset_is_removed_slowly_and_completely() -> None:
     drive, gone = Drive(PTZ, np.zeros(2)), 0.0
     for k in range(1000):
-        out = drive.outgoing((STILL, STILL), np.array([0.3, 0.0]))
+        out = drive.outgoing((STILL, STILL), np.array([0.3, 0.0]), np.inf)
         assert -0.1 * PTZ.pan.velocity_max_rad_s - 1e-12 <= out[0] <= 0.0, k
         drive.sent(out)
         gone += H * out[0]
@@ -47,9 +47,9 @@ def test_an_offset_is_removed_slowly_and_completely() -> None:
 
 def test_lost_speed_commands_do_not_count_as_sent() -> None:
     drive = Drive(PTZ, np.zeros(2))
-    drive.outgoing(((0.0, 1.0, 0.0), STILL), np.zeros(2))
+    drive.outgoing(((0.0, 1.0, 0.0), STILL), np.zeros(2), np.inf)
     drive.sent(np.array([0.7, 0.0]), got_through=False)  # an older speed stays in effect
-    back = drive.outgoing((STILL, STILL), np.zeros(2))
+    back = drive.outgoing((STILL, STILL), np.zeros(2), np.inf)
     assert back[0] < 0.0
 
 
